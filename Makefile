@@ -1,0 +1,40 @@
+# The front door. Every target installs and builds what is missing, and is safe to repeat.
+# Another python3 (pyenv, conda) may stand first on PATH; ROS belongs to the system's.
+SHELL := /bin/bash
+export PATH := /usr/bin:$(PATH)
+PYTHON := /usr/bin/python3
+BUILD := build
+ENV := set -e; [ ! -f /opt/ros/noetic/setup.bash ] || source /opt/ros/noetic/setup.bash;
+DEVEL := $(ENV) source $(BUILD)/devel/setup.bash;
+
+.PHONY: help setup build demo test bench lint clean
+
+help:
+	@echo 'make demo    see it run      (IMAGES=folder: on your own pictures)'
+	@echo 'make test    test everything'
+	@echo 'make bench   time each stage (IMAGES=folder: on your own pictures)'
+	@echo 'make lint    check style and types'
+	@echo 'make setup   install what is missing; make build: build into build/'
+
+setup:
+	@deps/install
+
+build: setup
+	@$(ENV) deps/configure $(BUILD) && cmake --build $(BUILD) >$(BUILD)/build.log || { tail -n 30 $(BUILD)/build.log; exit 1; }
+
+demo: build
+	@$(DEVEL) rosrun obst_avoid demo --output $(BUILD)/demo $(if $(IMAGES),--images '$(IMAGES)') \
+	  $(if $(CALIBRATION),--calibration '$(CALIBRATION)') $(if $(VEHICLE),--vehicle '$(VEHICLE)')
+
+test: build
+	@$(DEVEL) test/run $(BUILD)
+
+bench: build
+	@$(DEVEL) rosrun obst_avoid bench --output $(BUILD)/bench.json $(if $(IMAGES),'$(IMAGES)')
+
+lint: setup
+	@deps/lint_tools $(BUILD)/lint
+	@.ci/lint $(BUILD)/lint
+
+clean:
+	rm -rf $(BUILD)

@@ -1,0 +1,14 @@
+"""Serves both catkin_python_setup and pip: what is ROS-free installs without ROS."""
+
+from setuptools import find_packages, setup
+
+setup(
+    name='obst_avoid',
+    version='0.1.0',
+    description='Detection and avoidance of duckies and cones for Duckietown robots',
+    license='BSD-3-Clause',
+    python_requires='>=3.8',
+    packages=find_packages('src'),
+    package_dir={'': 'src'},
+    install_requires=['numpy>=1.17', 'opencv-python-headless>=4.2,<5', 'scikit-image>=0.16', 'PyYAML'],
+)

@@ -1,0 +1,1 @@
+"""Detection and avoidance of duckies and cones for Duckietown robots."""

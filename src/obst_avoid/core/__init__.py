@@ -1,0 +1,1 @@
+"""The algorithms, from picture to command: numpy and OpenCV, never ROS, never a clock."""

@@ -1,0 +1,115 @@
+"""What to do about the obstacles: drive on, pass inside the lane, or stop, and why (report, section Avoidance)."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence, Tuple
+
+from obst_avoid.core.age import age, why_stale, why_stopped
+from obst_avoid.core.avoidance.region import footprint_centre, in_region
+from obst_avoid.core.avoidance.settings import AvoidanceSettings
+from obst_avoid.core.geometry import lane_from_robot
+from obst_avoid.core.types import Decision, LanePose, Obstacle, Stamped, State
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The latest of everything that a decision rests on; None: nothing came yet.
+
+    clock_stood: [s] of wall time since ROS time last moved.
+    """
+
+    obstacles: Optional[Stamped[Sequence[Obstacle]]] = None
+    lane_pose: Optional[Stamped[LanePose]] = None
+    clock_stood: float = 0.0
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What outlives a picture: when we last had to stop and when we last passed something, each with its decision.
+
+    A stop or a pass is held for a while after its reason was last seen, since near obstacles drop out of the view.
+    """
+
+    stopped: Optional[Stamped[Decision]] = None
+    avoided: Optional[Stamped[Decision]] = None
+
+
+def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings) -> Tuple[Decision, Memory]:
+    """Decide once. now: ROS time in ns, not earlier than the memory's stamps.
+
+    Whatever is missing, stale or unclear ends in v_ref = 0 with the reason.
+    Source: report, figure "Logic of one of the First Stages in Commissioning".
+    """
+    fault = _why_blind(inputs, now, settings)
+    if fault is not None or inputs.obstacles is None or inputs.lane_pose is None:
+        return Decision(State.FAULT, 0.0, 0.0, 'stopping: %s' % fault), memory
+    counted = sorted(
+        (obstacle for obstacle in inputs.obstacles.value if in_region(obstacle, settings)),
+        key=lambda obstacle: math.hypot(obstacle.x, obstacle.y),
+    )
+    decision = _react(counted, inputs.lane_pose.value, settings) if counted else None
+    held = _within(memory.avoided, now, settings.avoid_hold)
+    if decision is not None and held is not None and decision.d_ref * held.d_ref < 0:
+        decision = _stop(counted, 'it stands opposite to one that is being passed')
+    if decision is not None and decision.state is State.STOPPED:
+        return decision, replace(memory, stopped=Stamped(now, decision))
+    stopped = _within(memory.stopped, now, settings.stop_hold)
+    if stopped is not None and memory.stopped is not None:
+        since = age(memory.stopped.stamp, now)
+        reason = 'waiting: nothing has blocked the lane for %.1f s of %.1f s' % (since, settings.stop_hold)
+        return replace(stopped, reason=reason), memory
+    if decision is not None:
+        return decision, replace(memory, avoided=Stamped(now, decision))
+    if held is not None:
+        return replace(held, reason='passing: the obstacle is out of sight, keeping %+.3f m' % held.d_ref), memory
+    return Decision(State.CLEAR, 0.0, settings.cruise_speed, 'clear: no obstacle in the lane'), memory
+
+
+def passing_offset(obstacle: Obstacle, pose: LanePose, settings: AvoidanceSettings) -> Optional[float]:
+    """d_ref [m] that passes an obstacle inside the lane, or None when there is not enough room.
+
+    The smaller of the two offsets that leave half a robot and the margin beside the footprint, zero when none is
+    needed; the robot's side may reach the lane's edge but not cross it.
+    Source: report, figure "Geometry of described Scene", case 1.
+    """
+    x, y = footprint_centre(obstacle)
+    _, centre = lane_from_robot(x, y, pose)
+    beside = obstacle.radius + settings.margin + settings.robot_width / 2
+    offset = min(max(0.0, centre + beside), -min(0.0, centre - beside))
+    if offset > (settings.lane_width - settings.robot_width) / 2:
+        return None
+    return offset if centre < 0 else -offset
+
+
+def _react(counted: Sequence[Obstacle], pose: LanePose, settings: AvoidanceSettings) -> Decision:
+    if len(counted) > 1:
+        return _stop(counted, '')
+    if settings.stage == 'stop_only':
+        return _stop(counted, 'stage stop_only')
+    nearest = counted[0]
+    offset = passing_offset(nearest, pose, settings)
+    if offset is None:
+        return _stop(counted, 'no room to pass in a lane of %.2f m' % settings.lane_width)
+    reason = 'avoiding: 1 obstacle in the lane at %.2f m, passing at %+.3f m' % (nearest.x, offset)
+    return Decision(State.AVOIDING, offset, settings.avoid_speed, reason, nearest)
+
+
+def _stop(counted: Sequence[Obstacle], why: str) -> Decision:
+    count = '1 obstacle' if len(counted) == 1 else '%d obstacles' % len(counted)
+    reason = 'stopping: %s in the lane, nearest %.2f m%s' % (count, counted[0].x, why and ', ' + why)
+    return Decision(State.STOPPED, 0.0, 0.0, reason, counted[0])
+
+
+def _why_blind(inputs: Inputs, now: int, settings: AvoidanceSettings) -> Optional[str]:
+    doubts: List[Optional[str]] = [
+        why_stopped(inputs.clock_stood, settings.clock_age_limit),
+        why_stale('the obstacle list', inputs.obstacles, now, settings.obstacles_age_limit, settings.future_limit),
+        why_stale('the lane pose', inputs.lane_pose, now, settings.lane_pose_age_limit, settings.future_limit),
+    ]
+    return next((reason for reason in doubts if reason is not None), None)
+
+
+def _within(event: Optional[Stamped[Decision]], now: int, hold: float) -> Optional[Decision]:
+    if event is None or age(event.stamp, now) > hold:
+        return None
+    return event.value

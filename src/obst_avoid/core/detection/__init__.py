@@ -1,0 +1,56 @@
+"""From a picture to obstacles, by the profile that the settings name.
+
+A profile is one package beside this file with a `detect` like paper's and an empty state; `start` and `detect`
+below are the only places that know the profiles' names.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, List, Optional, Tuple
+
+from obst_avoid.core.bird_view import BirdView, make_bird_view
+from obst_avoid.core.calibration import Calibration, scaled
+from obst_avoid.core.detection.paper import detector as paper
+from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.types import Array, Obstacle, Trace, no_trace
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Everything that one detection needs beside the picture.
+
+    view: for the size of the latest picture. state: of the profile, from the pictures before.
+    """
+
+    calibration: Calibration
+    settings: DetectionSettings
+    view: BirdView
+    state: Any
+
+
+def start(calibration: Calibration, settings: DetectionSettings) -> Detector:
+    """A detector that has seen nothing yet. Raises CalibrationError."""
+    return Detector(calibration, settings, make_bird_view(calibration, settings.bird_view), paper.PaperState())
+
+
+def restarted(detector: Detector) -> Detector:
+    """The same detector, having forgotten all pictures."""
+    return replace(detector, state=paper.PaperState())
+
+
+def detect(
+    detector: Detector, picture: Array, stamp: Optional[int], trace: Trace = no_trace
+) -> Tuple[List[Obstacle], Detector]:
+    """Find the obstacles in one picture.
+
+    picture: (H, W, 3) uint8, BGR, as the camera gave it. stamp: [ns] of the picture; None: it stands alone.
+    trace: is called after each stage of the profile, for pictures and timings.
+    Returns the obstacles and the detector for the next picture. Raises CalibrationError when the picture has
+    another aspect than the calibration.
+    """
+    height, width = picture.shape[:2]
+    view = detector.view
+    if (view.calibration.width, view.calibration.height) != (width, height):
+        view = make_bird_view(scaled(detector.calibration, width, height), detector.settings.bird_view)
+    state = detector.state if stamp is not None else paper.PaperState()
+    obstacles, state = paper.detect(picture, view, detector.settings.paper, state, stamp, trace)
+    return obstacles, replace(detector, view=view, state=state)

@@ -1,0 +1,1 @@
+"""Profile `paper`: the report's algorithm, faithfully. The reference and the baseline."""

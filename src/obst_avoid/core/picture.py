@@ -1,0 +1,44 @@
+"""From JPEG bytes to a picture, or one clear sentence why not."""
+
+import cv2
+import numpy as np
+
+from obst_avoid.core.types import Array
+
+
+class PictureError(ValueError):
+    """A picture that cannot be used. The message says what was found and what was expected."""
+
+
+def decode_jpeg(data: bytes) -> Array:
+    """Decode one JPEG to (H, W, 3) uint8, BGR.
+
+    Raises PictureError for bytes that are empty, not JPEG, cut off, not decodable, or without colour. The end
+    marker is checked here because OpenCV decodes half a picture without an error.
+    """
+    if not data:
+        raise PictureError('the picture is empty, expected JPEG bytes')
+    if data[:2] != b'\xff\xd8':
+        raise PictureError('the picture starts with %s, expected a JPEG (ff d8)' % data[:2].hex())
+    if b'\xff\xd9' not in data[-32:]:  # a camera may pad behind the end marker
+        raise PictureError('the picture of %d bytes has no end marker, expected a whole JPEG (ff d9)' % len(data))
+    picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise PictureError('the picture of %d bytes does not decode, expected a JPEG' % len(data))
+    return check_picture(picture)
+
+
+def encode_jpeg(picture: Array, quality: int = 90) -> bytes:
+    """The inverse of decode_jpeg, with losses. picture: (H, W, 3) uint8, BGR. quality: 0 to 100."""
+    return bytes(cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+
+
+def check_picture(picture: Array) -> Array:
+    """Return the picture if it is (H, W, 3) uint8 and not tiny. Raises PictureError."""
+    if picture.ndim == 2:
+        raise PictureError('the picture has one channel, expected colour: grey says nothing about duckies and cones')
+    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
+        raise PictureError('the picture has shape %s of %s, expected (height, width, 3) of uint8' % (picture.shape, picture.dtype))
+    if min(picture.shape[:2]) < 16:
+        raise PictureError('the picture is %dx%d, expected at least 16x16' % (picture.shape[1], picture.shape[0]))
+    return picture

@@ -1,0 +1,1 @@
+"""Nodes, their parameters, and the one border between messages and types."""

@@ -1,0 +1,94 @@
+"""lane_controller_node: a small lane follower for stacks without one that tracks d_ref and v_ref."""
+
+import threading
+from dataclasses import dataclass
+from typing import Any, Optional
+
+import rospy
+from obst_avoid.core.age import age
+from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
+from obst_avoid.core.settings import text
+from obst_avoid.core.types import Command, LanePose, Stamped
+from obst_avoid.msg import LaneControl
+from obst_avoid.ros import border, node
+from obst_avoid.ros.messages import find_messages
+
+PERIOD = 0.05
+"""[s] after which a command is published again when no lane pose came: wheels must not run on an old one."""
+LOOK = 0.01
+
+
+@dataclass(frozen=True)
+class ControllerNodeSettings(LaneControlSettings):
+    """The controller's settings and those of its node, which launch files set."""
+
+    veh: str = text()
+    msgs_package: str = text()
+
+
+class ControllerNode:
+    """Commands on each lane pose and on each LaneControl, and by a slow timer."""
+
+    def __init__(self) -> None:
+        self._settings = node.private_settings(ControllerNodeSettings)
+        self._messages = find_messages(self._settings.msgs_package)
+        self._lock = threading.Lock()
+        self._clock = node.ClockWatch()
+        self._lane_pose: Optional[Stamped[LanePose]] = None
+        self._reference: Optional[Stamped[Reference]] = None
+        self._commanded, self._commanded_wall = 0, 0.0
+        self._command, self._reason = Command(0.0, 0.0), 'nothing yet'
+        self._rate = node.Rate()
+        self._publisher = rospy.Publisher('~car_cmd', self._messages.Twist2DStamped, queue_size=1)
+        self._health = node.Health(self._settings.veh, self._diagnose)
+        node.every(LOOK, self._on_look)
+        rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
+        rospy.Subscriber('~lane_control', LaneControl, self._on_lane_control, queue_size=1)
+
+    def _on_lane_pose(self, msg: Any) -> None:
+        try:
+            pose = Stamped(border.nanoseconds(msg.header.stamp), border.lane_pose_from_msg(msg))
+        except border.BorderError as error:
+            node.dropped('lane pose', error)
+            return
+        with self._lock:
+            self._lane_pose = pose
+            self._act(self._clock.look())
+        self._rate.tick()
+
+    def _on_lane_control(self, msg: LaneControl) -> None:
+        try:
+            reference = border.reference_from_lane_control(msg)
+        except border.BorderError as error:
+            node.dropped('lane control', error)
+            return
+        with self._lock:
+            clock = self._clock.look()
+            self._reference = Stamped(clock.now, reference)
+            self._act(clock)
+
+    def _on_look(self) -> None:
+        with self._lock:
+            clock = self._clock.look()
+            if age(self._commanded, clock.now) >= PERIOD or clock.wall - self._commanded_wall >= PERIOD or clock.backwards:
+                self._act(clock)
+
+    def _act(self, clock: node.ClockReading) -> None:
+        command, reason = control(self._lane_pose, self._reference, clock.stood, clock.now, self._settings)
+        self._command, self._reason = command, reason
+        self._commanded, self._commanded_wall = clock.now, clock.wall
+        self._publisher.publish(border.msg_from_command(command, clock.now, self._messages.Twist2DStamped))
+
+    def _diagnose(self, status: Any) -> None:
+        with self._lock:
+            command, reason = self._command, self._reason
+        blind = reason.startswith('stopping') and 'asked' not in reason
+        status.summary(node.WARN if blind else node.OK, reason)
+        status.add('lane poses per second', '%.1f' % self._rate.read())
+        status.add('v [m/s]', '%.2f' % command.v)
+        status.add('omega [rad/s]', '%.2f' % command.omega)
+
+
+def main() -> None:
+    """Entry point."""
+    node.run('lane_controller_node', ControllerNode)

@@ -1,0 +1,174 @@
+"""What all nodes share: start with checked parameters, threads that never die in silence, a watch on the clock."""
+
+import sys
+import threading
+import time
+import traceback
+from dataclasses import dataclass
+from typing import Any, Callable, Generic, Optional, Type, TypeVar
+
+import diagnostic_updater
+import rospkg
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+from obst_avoid.core.calibration import Calibration, CalibrationError, find_calibration
+from obst_avoid.core.settings import SettingsError, load
+from obst_avoid.ros.border import nanoseconds
+from obst_avoid.ros.messages import MessagesError
+
+S = TypeVar('S')
+T = TypeVar('T')
+
+
+class NodeError(RuntimeError):
+    """A node cannot start or go on. The message is one sentence for a person."""
+
+
+def run(name: str, start: Callable[[], Any]) -> None:
+    """Start a node and spin. A start that fails prints one sentence and exits with 1; so does a node that broke later."""
+    rospy.init_node(name)
+    try:
+        node = start()
+    except (SettingsError, CalibrationError, MessagesError, NodeError) as error:
+        rospy.logfatal('%s: %s', rospy.get_name(), error)
+        sys.exit(1)
+    rospy.spin()
+    del node
+    if _broken:
+        sys.exit(1)
+
+
+_broken = threading.Event()
+
+
+def private_settings(settings: Type[S]) -> S:
+    """The node's private parameters as a settings object, checked whole. Raises SettingsError."""
+    return load(settings, rospy.get_param('~', {}), rospy.get_name())
+
+
+def calibration_of(veh: str, calibration_dir: str, allow_default: bool) -> Calibration:
+    """The robot's calibration by Duckietown's search order; says which one and what looks odd. Raises CalibrationError."""
+    own = rospkg.RosPack().get_path('obst_avoid') + '/config/calibrations'
+    calibration = find_calibration(veh, calibration_dir, own if allow_default else None)
+    rospy.loginfo('%s: calibration from %s', rospy.get_name(), calibration.source)
+    for warning in calibration.warnings:
+        rospy.logwarn('%s: %s', rospy.get_name(), warning)
+    return calibration
+
+
+def in_background(function: Callable[[], None]) -> None:
+    """Run function again and again in a thread until the node ends; it does its own waiting.
+
+    An exception that nobody expected ends the node, loudly: a dead thread in a living node would fall silent for
+    ever, and whoever listens stops the robot only when the node is gone or its answers are.
+    """
+
+    def loop() -> None:
+        try:
+            while not rospy.is_shutdown():
+                function()
+        except Exception:  # the last line of defence; it ends the node
+            rospy.logfatal('%s: ending after an unexpected error:\n%s', rospy.get_name(), traceback.format_exc())
+            _broken.set()
+            rospy.signal_shutdown('unexpected error')
+
+    threading.Thread(target=loop, daemon=True).start()
+
+
+def every(period: float, function: Callable[[], None]) -> None:
+    """Call function about every period seconds of wall time, which goes on when ROS time stands still."""
+
+    def step() -> None:
+        time.sleep(period)
+        function()
+
+    in_background(step)
+
+
+class Newest(Generic[T]):
+    """Hands the newest value from a callback to a worker; older ones that were not taken are dropped and counted."""
+
+    def __init__(self) -> None:
+        self._condition = threading.Condition()
+        self._value: Optional[T] = None
+        self.dropped = 0
+
+    def put(self, value: T) -> None:
+        """Called by the subscriber's thread; never waits for work."""
+        with self._condition:
+            self.dropped += self._value is not None
+            self._value = value
+            self._condition.notify()
+
+    def take(self, timeout: float) -> Optional[T]:
+        """The newest value that was not taken yet, or None after timeout seconds of wall time."""
+        with self._condition:
+            if self._value is None:
+                self._condition.wait(timeout)
+            value, self._value = self._value, None
+            return value
+
+
+@dataclass(frozen=True)
+class ClockReading:
+    """now: ROS time in ns. wall: [s], monotonic. stood: [s] of wall time since ROS time moved. backwards: it jumped back."""
+
+    now: int
+    wall: float
+    stood: float
+    backwards: bool
+
+
+class ClockWatch:
+    """Notices that ROS time stands still or ran backwards. Wall time is used here and for nothing else."""
+
+    def __init__(self) -> None:
+        self._now, self._moved = 0, time.monotonic()
+
+    def look(self) -> ClockReading:
+        """Read the clock. Call from one thread, or under one lock."""
+        now, wall = nanoseconds(rospy.Time.now()), time.monotonic()
+        backwards = now < self._now
+        if now != self._now:
+            self._now, self._moved = now, wall
+        return ClockReading(now, wall, wall - self._moved, backwards)
+
+
+class Health:
+    """The node's line in /diagnostics: rates, ages, the last reason. Written once a second."""
+
+    def __init__(self, hardware_id: str, fill: Callable[['diagnostic_updater.DiagnosticStatusWrapper'], None]) -> None:
+        self._updater = diagnostic_updater.Updater()
+        self._updater.setHardwareID(hardware_id)
+        self._updater.add('state', lambda status: fill(status) or status)
+        every(1.0, self._updater.force_update)
+
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class Rate:
+    """Counts events; the rate is taken over the time between two readings. Thread-safe enough for one reader."""
+
+    def __init__(self) -> None:
+        self._count, self._read, self._since = 0, 0, time.monotonic()
+
+    def tick(self) -> None:
+        """One more."""
+        self._count += 1
+
+    def read(self) -> float:
+        """[1/s] since the last reading."""
+        now, count = time.monotonic(), self._count
+        rate = (count - self._read) / max(now - self._since, 1e-3)
+        self._read, self._since = count, now
+        return rate
+
+
+def dropped(what: str, error: Exception) -> str:
+    """Say, at most every 2 s, that a message was not used. Returns the sentence."""
+    sentence = '%s dropped: %s' % (what, error)
+    rospy.logwarn_throttle(2.0, '%s: %s' % (rospy.get_name(), sentence))
+    return sentence
+
+

@@ -1,0 +1,118 @@
+"""obstacle_detection_node: from the camera's newest picture to a PoseArray with the picture's stamp."""
+
+import time
+from dataclasses import dataclass
+from typing import Any, Optional, Union
+
+import rospy
+from geometry_msgs.msg import PoseArray
+from obst_avoid.core import detection
+from obst_avoid.core.age import age
+from obst_avoid.core.calibration import CalibrationError, scaled
+from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.picture import PictureError
+from obst_avoid.core.settings import choice, flag, text
+from obst_avoid.ros import border, node
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+
+@dataclass(frozen=True)
+class DetectionNodeSettings(DetectionSettings):
+    """The detector's settings and those of its node, which launch files set."""
+
+    veh: str = text()
+    calibration_dir: str = text()
+    allow_default_calibration: bool = flag()
+    input: str = choice('compressed', 'raw')
+
+
+class DetectionNode:
+    """Works on the newest picture only; a picture that cannot be used is named and skipped."""
+
+    def __init__(self) -> None:
+        self._settings = node.private_settings(DetectionNodeSettings)
+        settings = self._settings
+        calibration = node.calibration_of(settings.veh, settings.calibration_dir, settings.allow_default_calibration)
+        self._detector = detection.start(calibration, settings)
+        self._frame = border.footprint_frame(settings.veh)
+        self._newest: node.Newest[Union[CompressedImage, Image]] = node.Newest()
+        self._rate, self._reason = node.Rate(), 'no picture yet'
+        self._stamp: Optional[int] = None
+        self._milliseconds = 0.0
+        self._publisher = rospy.Publisher('~posearray', PoseArray, queue_size=1)
+        self._health = node.Health(settings.veh, self._diagnose)
+        node.in_background(self._work)
+        rospy.Subscriber('~camera_info', CameraInfo, self._on_camera_info, queue_size=1)
+        if settings.input == 'compressed':
+            rospy.Subscriber('~image/compressed', CompressedImage, self._newest.put, queue_size=1, buff_size=2**24)
+        else:
+            rospy.Subscriber('~image', Image, self._newest.put, queue_size=1, buff_size=2**24)
+
+    def _work(self) -> None:
+        msg = self._newest.take(timeout=0.5)
+        if msg is None:
+            return
+        stamp = border.nanoseconds(msg.header.stamp)
+        if self._stamp is not None and stamp < self._stamp:
+            rospy.logwarn('%s: time ran backwards by %.2f s, starting anew', rospy.get_name(), age(stamp, self._stamp))
+            self._detector = detection.restarted(self._detector)
+        self._stamp = stamp
+        begin = time.perf_counter()
+        try:
+            picture = self._picture(msg)
+            obstacles, self._detector = detection.detect(self._detector, picture, stamp)
+        except (PictureError, CalibrationError) as error:
+            self._reason = node.dropped('picture', error)
+            return
+        self._publisher.publish(border.pose_array_from_obstacles(obstacles, stamp, self._frame))
+        self._milliseconds = 1e3 * (time.perf_counter() - begin)
+        self._reason = '%d obstacles, %d of them in the lane' % (
+            len(obstacles),
+            sum(obstacle.in_lane is not False for obstacle in obstacles),
+        )
+        self._rate.tick()
+
+    def _picture(self, msg: Union[CompressedImage, Image]) -> Any:
+        if self._settings.input == 'compressed':
+            return border.picture_from_compressed_image(msg)
+        return border.picture_from_image(msg)
+
+    def _on_camera_info(self, msg: CameraInfo) -> None:
+        """Warn when the camera says that it is another one than the calibration's."""
+        if msg.width == 0 or not any(msg.K):
+            return
+        calibration = self._detector.calibration
+        try:
+            calibration = scaled(calibration, msg.width, msg.height)
+        except CalibrationError as error:
+            rospy.logwarn_throttle(60, '%s: camera_info: %s' % (rospy.get_name(), error))
+            return
+        seen, known = msg.K[0], calibration.camera_matrix[0, 0]
+        if abs(seen / known - 1) > 0.05:
+            rospy.logwarn_throttle(
+                60,
+                '%s: camera_info has a focal length of %.1f px, expected %.1f px as in the calibration for %s'
+                % (rospy.get_name(), seen, known, calibration.source),
+            )
+
+    def _diagnose(self, status: Any) -> None:
+        rate = self._rate.read()
+        seconds = None if self._stamp is None else age(self._stamp, border.nanoseconds(rospy.Time.now()))
+        if seconds is None or rate == 0:
+            status.summary(node.ERROR, 'no usable picture: %s' % self._reason)
+        elif seconds > self._settings.picture_age_limit:
+            status.summary(node.WARN, 'picture %.2f s old, limit %.2f s' % (seconds, self._settings.picture_age_limit))
+        else:
+            status.summary(node.OK, self._reason)
+        status.add('profile', self._settings.profile)
+        status.add('calibration', self._detector.calibration.source)
+        status.add('pictures per second', '%.1f' % rate)
+        status.add('milliseconds per picture', '%.1f' % self._milliseconds)
+        status.add('picture age [s]', 'none' if seconds is None else '%.3f' % seconds)
+        status.add('pictures dropped for newer ones', self._newest.dropped)
+        status.add('last reason', self._reason)
+
+
+def main() -> None:
+    """Entry point."""
+    node.run('obstacle_detection_node', DetectionNode)

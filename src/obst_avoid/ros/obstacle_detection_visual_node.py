@@ -1,0 +1,171 @@
+"""obstacle_detection_visual_node: markers for rviz, the camera picture and the bird view with boxes, for a laptop.
+
+Pictures cross the network and are drawn only while somebody looks at the result.
+"""
+
+import collections
+import threading
+from dataclasses import dataclass
+from typing import Any, List, Optional, Tuple, Union
+
+import cv2
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseArray, Quaternion, TransformStamped, Vector3
+from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, warp
+from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
+from obst_avoid.core.picture import PictureError, encode_jpeg
+from obst_avoid.core.settings import choice, flag, group, text
+from obst_avoid.core.types import Array, Obstacle
+from obst_avoid.ros import border, node
+from obst_avoid.ros.markers import markers_from_obstacles
+from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture
+from sensor_msgs.msg import CompressedImage, Image
+from visualization_msgs.msg import MarkerArray
+
+KEPT = 60
+"""Pictures that wait for their obstacle list: 2 s at 30 Hz, more than a Raspberry Pi and a bad network need."""
+
+
+@dataclass(frozen=True)
+class VisualNodeSettings:
+    """config/bird_view.yaml, and what launch files set."""
+
+    veh: str = text()
+    calibration_dir: str = text()
+    allow_default_calibration: bool = flag()
+    input: str = choice('compressed', 'raw')
+    bird_view: BirdViewSettings = group(BirdViewSettings)
+
+
+@dataclass(frozen=True)
+class Output:
+    """One picture on two topics: raw for rviz, JPEG for everything else."""
+
+    raw: rospy.Publisher
+    jpeg: rospy.Publisher
+
+    def wanted(self) -> bool:
+        """Somebody looks."""
+        return bool(self.raw.get_num_connections() or self.jpeg.get_num_connections())
+
+    def publish(self, picture: Array, stamp: int, frame_id: str) -> None:
+        """Encode only what is looked at."""
+        if self.raw.get_num_connections():
+            self.raw.publish(border.image_from_picture(picture, stamp, frame_id))
+        if self.jpeg.get_num_connections():
+            self.jpeg.publish(border.compressed_image_from_jpeg(encode_jpeg(picture), stamp, frame_id))
+
+
+class VisualNode:
+    """Pairs obstacle lists with pictures by their exact stamp."""
+
+    def __init__(self) -> None:
+        self._settings = settings = node.private_settings(VisualNodeSettings)
+        self._calibration = node.calibration_of(
+            settings.veh, settings.calibration_dir, settings.allow_default_calibration
+        )
+        self._view = make_bird_view(self._calibration, settings.bird_view)
+        self._frame = border.footprint_frame(settings.veh)
+        self._camera_frame = border.camera_frame(settings.veh)
+        self._lock = threading.Lock()
+        self._pictures: 'collections.OrderedDict[int, Any]' = collections.OrderedDict()
+        self._newest: node.Newest[Tuple[int, List[Obstacle]]] = node.Newest()
+        self._subscriber: Optional[rospy.Subscriber] = None
+        self._shown = 0
+        self._rate, self._reason = node.Rate(), 'nothing yet'
+        self._markers = rospy.Publisher('~markers', MarkerArray, queue_size=1)
+        self._image = self._output('~image', Image, CompressedImage)
+        self._bird = self._output('~bird_view', Image, CompressedImage)
+        self._broadcaster = tf2_ros.StaticTransformBroadcaster()
+        self._broadcaster.sendTransform(camera_transform(self._calibration, self._frame, self._camera_frame))
+        self._health = node.Health(settings.veh, self._diagnose)
+        node.in_background(self._work)
+        rospy.Subscriber('~posearray', PoseArray, self._on_obstacles, queue_size=1)
+
+    @staticmethod
+    def _output(name: str, raw: Any, jpeg: Any) -> Output:
+        return Output(rospy.Publisher(name, raw, queue_size=1), rospy.Publisher(name + '/compressed', jpeg, queue_size=1))
+
+    def _on_obstacles(self, msg: PoseArray) -> None:
+        try:
+            obstacles = border.obstacles_from_pose_array(msg, self._frame)
+        except border.BorderError as error:
+            self._reason = node.dropped('obstacle list', error)
+            return
+        stamp = border.nanoseconds(msg.header.stamp)
+        if self._markers.get_num_connections():
+            self._markers.publish(markers_from_obstacles(obstacles, self._shown, stamp, self._frame))
+            self._shown = len(obstacles)
+        self._subscribe(self._image.wanted() or self._bird.wanted())
+        self._newest.put((stamp, obstacles))
+        self._reason = '%d obstacles' % len(obstacles)
+        self._rate.tick()
+
+    def _subscribe(self, wanted: bool) -> None:
+        """Take pictures over the network only while somebody looks."""
+        if wanted and self._subscriber is None:
+            compressed = self._settings.input == 'compressed'
+            topic, cls = ('~image_in/compressed', CompressedImage) if compressed else ('~image_in', Image)
+            self._subscriber = rospy.Subscriber(topic, cls, self._on_picture, queue_size=1, buff_size=2**24)
+        elif not wanted and self._subscriber is not None:
+            self._subscriber.unregister()
+            self._subscriber = None
+            with self._lock:
+                self._pictures.clear()
+
+    def _on_picture(self, msg: Union[CompressedImage, Image]) -> None:
+        with self._lock:
+            self._pictures[border.nanoseconds(msg.header.stamp)] = msg
+            while len(self._pictures) > KEPT:
+                self._pictures.popitem(last=False)
+
+    def _work(self) -> None:
+        found = self._newest.take(timeout=0.5)
+        if found is None:
+            return
+        stamp, obstacles = found
+        with self._lock:
+            msg = self._pictures.pop(stamp, None)
+        if msg is None:
+            return
+        try:
+            compressed = self._settings.input == 'compressed'
+            picture = border.picture_from_compressed_image(msg) if compressed else border.picture_from_image(msg)
+            self._draw(picture, obstacles, stamp)
+        except (PictureError, CalibrationError) as error:
+            self._reason = node.dropped('picture', error)
+
+    def _draw(self, picture: Array, obstacles: List[Obstacle], stamp: int) -> None:
+        height, width = picture.shape[:2]
+        if (self._view.calibration.width, self._view.calibration.height) != (width, height):
+            self._view = make_bird_view(scaled(self._calibration, width, height), self._settings.bird_view)
+        if self._image.wanted():
+            self._image.publish(draw_on_picture(picture, obstacles, self._view), stamp, self._camera_frame)
+        if self._bird.wanted():
+            bird = warp(crop(picture, self._view), self._view)
+            self._bird.publish(draw_on_bird_view(bird, obstacles), stamp, self._frame)
+
+    def _diagnose(self, status: Any) -> None:
+        rate = self._rate.read()
+        status.summary(node.OK if rate else node.WARN, self._reason if rate else 'no obstacle list')
+        status.add('obstacle lists per second', '%.1f' % rate)
+        status.add('calibration', self._calibration.source)
+
+
+def camera_transform(calibration: Calibration, footprint: str, camera: str) -> TransformStamped:
+    """Where the camera sits on the robot, from its calibration, for rviz."""
+    msg = TransformStamped()
+    msg.header.stamp, msg.header.frame_id, msg.child_frame_id = rospy.Time.now(), footprint, camera
+    msg.transform.translation = Vector3(*camera_position(calibration))
+    turn = cv2.Rodrigues(camera_from_robot(calibration)[0].T)[0].ravel()  # axis times angle
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0 else turn
+    msg.transform.rotation = Quaternion(*(axis * np.sin(angle / 2)), w=np.cos(angle / 2))
+    return msg
+
+
+def main() -> None:
+    """Entry point."""
+    node.run('obstacle_detection_visual_node', VisualNode)

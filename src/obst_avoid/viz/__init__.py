@@ -1,0 +1,1 @@
+"""Draws results on a copy of a picture. Never ROS."""
