@@ -14,7 +14,6 @@ from obst_avoid.core.lane_control import Reference
 from obst_avoid.core.picture import PictureError, check_picture, decode_jpeg
 from obst_avoid.core.types import Array, Box, Command, Decision, LanePose, Obstacle, State
 from obst_avoid.msg import LaneControl
-from sensor_msgs import image_encodings
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -143,18 +142,16 @@ def compressed_image_from_jpeg(jpeg: bytes, stamp: int, frame_id: str) -> Compre
 def picture_from_image(msg: Image) -> Array:
     """(H, W, 3) uint8, BGR. Raises PictureError for data that does not fit its description and for grey pictures."""
     try:
-        channels, bayer = image_encodings.numChannels(msg.encoding), image_encodings.isBayer(msg.encoding)
-        if channels == 1 and not bayer:
+        dtype, channels = _BRIDGE.encoding_to_dtype_with_channels(msg.encoding)
+        if channels == 1 and not msg.encoding.startswith('bayer'):
             raise PictureError('the picture has encoding %s, expected colour' % msg.encoding)
-        if len(msg.data) < msg.step * msg.height or msg.step < msg.width * channels:
-            raise PictureError(
-                'the picture has %d bytes, expected %d rows of %d' % (len(msg.data), msg.height, max(msg.step, msg.width * channels))
-            )
-        return check_picture(np.ascontiguousarray(_BRIDGE.imgmsg_to_cv2(msg, 'bgr8')))
-    except (CvBridgeError, RuntimeError, TypeError, ValueError) as error:
-        if isinstance(error, PictureError):
-            raise
+        row = max(msg.step, msg.width * channels * np.dtype(dtype).itemsize)
+        if len(msg.data) < row * msg.height:
+            raise PictureError('the picture has %d bytes, expected %d rows of %d' % (len(msg.data), msg.height, row))
+        picture = np.ascontiguousarray(_BRIDGE.imgmsg_to_cv2(msg, 'bgr8'))
+    except (CvBridgeError, RuntimeError, TypeError) as error:
         raise PictureError('the picture with encoding %r does not convert to bgr8: %s' % (msg.encoding, error)) from error
+    return check_picture(picture)
 
 
 def image_from_picture(picture: Array, stamp: int, frame_id: str) -> Image:

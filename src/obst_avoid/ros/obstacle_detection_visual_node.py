@@ -162,7 +162,7 @@ def camera_transform(calibration: Calibration, footprint: str, camera: str) -> T
     turn = cv2.Rodrigues(camera_from_robot(calibration)[0].T)[0].ravel()  # axis times angle
     angle = float(np.linalg.norm(turn))
     axis = turn / angle if angle > 0 else turn
-    msg.transform.rotation = Quaternion(*(axis * np.sin(angle / 2)), w=np.cos(angle / 2))
+    msg.transform.rotation = Quaternion(*(axis * np.sin(angle / 2)), np.cos(angle / 2))
     return msg
 
 

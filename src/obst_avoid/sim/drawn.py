@@ -76,26 +76,29 @@ def draw(scene: Scene, calibration: Calibration, pose: RobotPose, seed: int = 0)
         for color, points in _parts(thing):
             _draw_part(picture, calibration, pose, color, points)
     picture = cv2.resize(picture, (calibration.width, calibration.height), interpolation=cv2.INTER_AREA)
-    noise = np.random.RandomState(seed).normal(0, NOISE, picture.shape)
-    noisy: Array = np.clip(picture + noise, 0, 255).astype(np.uint8)
+    noise = np.empty(picture.shape, dtype=np.int16)
+    cv2.setRNGSeed(seed)
+    cv2.randn(noise, 0, NOISE)
+    noisy: Array = cv2.add(picture, noise, dtype=cv2.CV_8U)
     return noisy
 
 
 def _road(scene: Scene, calibration: Calibration, pose: RobotPose) -> Array:
     ground, shown = _ground_of_pixels(calibration)
     cos, sin = math.cos(pose.heading), math.sin(pose.heading)
-    x = pose.x + cos * ground[:, 0] - sin * ground[:, 1]
-    y = pose.y + sin * ground[:, 0] + cos * ground[:, 1]
+    x = np.float32(pose.x) + np.float32(cos) * ground[:, 0] - np.float32(sin) * ground[:, 1]
+    y = np.float32(pose.y) + np.float32(sin) * ground[:, 0] + np.float32(cos) * ground[:, 1]
     half = LANE_WIDTH / 2
-    colors = np.empty((len(x), 3), dtype=np.uint8)
-    colors[:] = ASPHALT
     left_white = half + YELLOW_WIDTH + LANE_WIDTH
-    colors[((y < -half) & (y > -half - WHITE_WIDTH)) | ((y > left_white) & (y < left_white + WHITE_WIDTH))] = WHITE
-    colors[(y > half) & (y < half + YELLOW_WIDTH) & (np.mod(x, DASH + GAP) < DASH)] = YELLOW
-    colors[(np.abs(y) < half) & (x > scene.stop_line) & (x < scene.stop_line + RED_WIDTH)] = RED
-    picture = np.empty(shown.shape + (3,), dtype=np.uint8)
-    picture[:] = WALL
-    picture[shown] = colors
+    surface = np.zeros(len(x), dtype=np.uint8)
+    surface[((y < -half) & (y > -half - WHITE_WIDTH)) | ((y > left_white) & (y < left_white + WHITE_WIDTH))] = 1
+    middle = np.flatnonzero((y > half) & (y < half + YELLOW_WIDTH))
+    surface[middle[np.mod(x[middle], DASH + GAP) < DASH]] = 2
+    if math.isfinite(scene.stop_line):
+        surface[(np.abs(y) < half) & (x > scene.stop_line) & (x < scene.stop_line + RED_WIDTH)] = 3
+    surfaces = np.full(shown.shape, 4, dtype=np.uint8)
+    surfaces[shown] = surface
+    picture: Array = np.array([ASPHALT, WHITE, YELLOW, RED, WALL], dtype=np.uint8)[surfaces]
     return picture
 
 
@@ -108,7 +111,8 @@ def _ground_of_pixels(calibration: Calibration) -> Tuple[Array, Array]:
     rectified = rectified_from_image(calibration, pixels)
     depth = np.column_stack([rectified, np.ones(len(rectified))]) @ calibration.homography[2]
     shown = depth > 0
-    return ground_from_pixel(calibration.homography, rectified[shown]), shown.reshape(height, width)
+    ground = ground_from_pixel(calibration.homography, rectified[shown]).astype(np.float32)
+    return ground, shown.reshape(height, width)
 
 
 def _parts(thing: Thing) -> Sequence[Tuple[Tuple[int, int, int], Array]]:

@@ -1,0 +1,1 @@
+"""Tools over pictures and bags, on the same code path as the nodes."""

@@ -1,0 +1,119 @@
+"""bench: where the time goes, stage by stage, beside the cost of decoding the picture."""
+
+import argparse
+import json
+import os
+import time
+from typing import Any, Dict, List, Tuple
+
+import cv2
+import numpy as np
+
+from obst_avoid.core import detection
+from obst_avoid.core.calibration import Calibration, load_calibration
+from obst_avoid.core.picture import decode_jpeg, encode_jpeg
+from obst_avoid.core.types import Kind
+from obst_avoid.offline import tool
+from obst_avoid.offline.pictures import read_jpeg
+from obst_avoid.sim.drawn import RobotPose, Scene, Thing, draw
+
+WARM_UP = 20
+DRAWN = 20
+"""Different drawn pictures; they are repeated to make up the number wanted."""
+DECODE, TOTAL = 'decode', 'detector, without decoding'
+WORDS = {
+    'corrected': 'colour correction, every pixel',
+    'cropped': 'rectify and crop',
+    'bird_view': 'warp to the bird view',
+    'hsv': 'convert to HSV',
+    'colors': 'yellow, orange, white',
+    'blobs': 'label, regionprops, criteria',
+    'tracked': 'tracker',
+    'obstacles': 'position, radius, search line, boxes',
+}
+
+
+def main(arguments: Any = None) -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog='bench', description='Time each stage of the detector beside JPEG decoding.')
+    tool.add_calibration_arguments(parser)
+    parser.add_argument('--count', type=int, default=200, help='pictures that are timed (default: 200)')
+    parser.add_argument('--output', metavar='FILE', help='write the figures there, as JSON')
+    parser.add_argument('paths', metavar='PATH', nargs='*', help='pictures or folders; without any, pictures are drawn')
+    return tool.run(_main, parser, arguments)
+
+
+def _main(options: argparse.Namespace) -> int:
+    if options.count < 1:
+        raise tool.ToolError('--count = %d, expected a whole number >= 1' % options.count)
+    if options.paths:
+        calibration = tool.calibration_of(options)
+        pictures = [read_jpeg(path) for path in tool.picture_files(options.paths)[: options.count]]
+    else:
+        calibration = load_calibration(os.path.join(tool.package_folder(), 'config/calibrations'), 'default')
+        pictures = [_drawn(calibration, index) for index in tool.progress(range(DRAWN), 'drawing')]
+    detector = detection.start(calibration, tool.detection_settings(options))
+    result: Dict[str, Any] = {'pictures': options.count, 'opencv': cv2.__version__, 'threads': {}}
+    for threads in (1, cv2.getNumThreads()):
+        cv2.setNumThreads(threads)
+        times = _times(detector, [pictures[i % len(pictures)] for i in range(WARM_UP + options.count)])
+        figures = {name: _figures(values[WARM_UP:]) for name, values in times.items()}
+        result['threads'][str(threads)] = figures
+        _print(figures, threads, options.count)
+    if options.output:
+        os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
+        with open(options.output, 'w', encoding='utf-8') as file:
+            json.dump(result, file, indent=1)
+    return 0
+
+
+def _times(detector: detection.Detector, jpegs: List[bytes]) -> Dict[str, List[float]]:
+    """[ms] of each stage, a list over the pictures."""
+    times: Dict[str, List[float]] = {}
+    for index, jpeg in enumerate(tool.progress(jpegs, 'timing')):
+        watch = _Watch()
+        picture = decode_jpeg(jpeg)
+        watch.lap(DECODE, None)
+        _, detector = detection.detect(detector, picture, tool.stamp_of_frame(index, 30.0), watch.lap)
+        laps = dict(watch.laps)
+        laps[TOTAL] = sum(value for name, value in watch.laps if name != DECODE)
+        for name, value in laps.items():
+            times.setdefault(name, []).append(value)
+    return times
+
+
+class _Watch:
+    """Takes the time between two stages."""
+
+    def __init__(self) -> None:
+        self.laps: List[Tuple[str, float]] = []
+        self._last = time.perf_counter()
+
+    def lap(self, name: str, _: Any) -> None:
+        now = time.perf_counter()
+        self.laps.append((name, 1e3 * (now - self._last)))
+        self._last = time.perf_counter()
+
+
+def _figures(values: List[float]) -> Dict[str, float]:
+    median, p95, p99 = np.percentile(values, [50, 95, 99])
+    return {'median_ms': round(float(median), 4), 'p95_ms': round(float(p95), 4), 'p99_ms': round(float(p99), 4)}
+
+
+def _print(figures: Dict[str, Dict[str, float]], threads: int, count: int) -> None:
+    floor = figures[DECODE]['median_ms']
+    print('\n%d thread%s, %d pictures, milliseconds' % (threads, '' if threads == 1 else 's', count))
+    print('%-38s %8s %8s %8s %12s' % ('stage', 'median', 'p95', 'p99', 'x decoding'))
+    for name, values in figures.items():
+        row = (WORDS.get(name, name), values['median_ms'], values['p95_ms'], values['p99_ms'], values['median_ms'] / floor)
+        print('%-38s %8.3f %8.3f %8.3f %12.2f' % row)
+
+
+def _drawn(calibration: Calibration, index: int) -> bytes:
+    things = (
+        Thing(Kind.DUCKIE, 0.5 + 0.02 * index, 0.02),
+        Thing(Kind.CONE, 0.8, -0.08, 0.07),
+        Thing(Kind.DUCKIE, 0.6, -0.25),
+    )
+    picture = draw(Scene(things, stop_line=0.9), calibration, RobotPose(0.01 * index, 0.01, 0.03), index)
+    return encode_jpeg(picture)

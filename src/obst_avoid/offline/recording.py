@@ -1,0 +1,100 @@
+"""Recordings: a bag or a folder of pictures, as one stream of messages in time order."""
+
+import os
+from dataclasses import dataclass
+from typing import Any, Dict, Iterator, Tuple
+
+import rosbag
+from obst_avoid.core.picture import PictureError
+from obst_avoid.offline.pictures import read_jpeg
+from obst_avoid.offline.tool import ToolError, picture_files, stamp_of_frame
+from obst_avoid.ros import border
+
+JPEG, RAW, CAMERA_INFO, LANE_POSE = 'jpeg', 'raw', 'camera_info', 'lane_pose'
+TOPICS = {
+    JPEG: 'camera_node/image/compressed',
+    RAW: 'camera_node/image',
+    CAMERA_INFO: 'camera_node/camera_info',
+    LANE_POSE: 'lane_filter_node/lane_pose',
+}
+"""What is read of a recording, by the end of its topic's name: a bag may come from a robot of another name."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One message. role: a key of TOPICS. time: [ns] when it was recorded."""
+
+    role: str
+    time: int
+    msg: Any
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A bag or a folder. topics: by role, as far as it has them; for a folder only JPEG. pictures: how many."""
+
+    path: str
+    topics: Dict[str, str]
+    pictures: int
+    files: Tuple[str, ...] = ()
+    rate: float = 30.0
+
+    @property
+    def picture_role(self) -> str:
+        """JPEG where there are JPEGs, else RAW."""
+        return JPEG if JPEG in self.topics else RAW
+
+
+def open_bag(path: str, vehicle: str = '', topic: str = '') -> Recording:
+    """Look into a bag. vehicle: whose topics, needed when several have pictures. topic: of the pictures, by name.
+
+    Raises ToolError in one sentence when it cannot be read or has no pictures.
+    """
+    if not os.path.isfile(path):
+        raise ToolError('%s does not exist, expected a bag' % path)
+    try:
+        with rosbag.Bag(path) as bag:
+            info = bag.get_type_and_topic_info().topics
+    except (rosbag.ROSBagException, ValueError, OSError) as error:
+        raise ToolError('%s cannot be read as a bag: %s' % (path, error)) from error
+    if topic and topic not in info:
+        raise ToolError('%s has no topic %s, expected one of: %s' % (path, topic, ', '.join(sorted(info)) or 'none'))
+    prefix = '/%s/' % vehicle.strip('/') if vehicle else '/'
+    topics: Dict[str, str] = {}
+    for role, ending in TOPICS.items():
+        found = [name for name in sorted(info) if name.startswith(prefix) and name.endswith('/' + ending)]
+        if role in (JPEG, RAW) and topic:
+            found = [topic] if ('Compressed' in info[topic].msg_type) == (role == JPEG) else []
+        if len(found) > 1:
+            raise ToolError('%s has several robots, expected one of them by name: %s' % (path, ', '.join(found)))
+        if found:
+            topics[role] = found[0]
+    recording = Recording(path, topics, 0)
+    if recording.picture_role not in topics:
+        wanted = 'a topic that ends in %s or %s' % (TOPICS[JPEG], TOPICS[RAW])
+        robot = ' of %s' % vehicle if vehicle else ''
+        raise ToolError('%s has no pictures%s, expected %s, found: %s' % (path, robot, wanted, ', '.join(sorted(info)) or 'nothing'))
+    return Recording(path, topics, info[topics[recording.picture_role]].message_count)
+
+
+def open_folder(path: str, rate: float) -> Recording:
+    """Take the pictures of a folder as a recording with rate pictures a second. Raises ToolError."""
+    files = picture_files([path])
+    return Recording(path, {JPEG: ''}, len(files), tuple(files), rate)
+
+
+def messages(recording: Recording) -> Iterator[Recorded]:
+    """All messages in time order. A file that cannot be read as a picture is passed on as it is: its reader says why."""
+    if recording.files:
+        for index, path in enumerate(recording.files):
+            stamp = stamp_of_frame(index, recording.rate)
+            try:
+                jpeg = read_jpeg(path)
+            except PictureError:
+                jpeg = b''
+            yield Recorded(JPEG, stamp, border.compressed_image_from_jpeg(jpeg, stamp, os.path.basename(path)))
+        return
+    roles = {name: role for role, name in recording.topics.items() if role != RAW or recording.picture_role == RAW}
+    with rosbag.Bag(recording.path) as bag:
+        for topic, msg, time in bag.read_messages(topics=list(roles)):
+            yield Recorded(roles[topic], border.nanoseconds(time), msg)

@@ -1,0 +1,53 @@
+"""show_steps: every intermediate picture of the detector, as files and as one contact sheet."""
+
+import argparse
+import os
+import sys
+from typing import Any, Dict
+
+import cv2
+
+from obst_avoid.core import detection
+from obst_avoid.core.calibration import CalibrationError
+from obst_avoid.core.picture import PictureError
+from obst_avoid.offline import tool
+from obst_avoid.offline.pictures import read_picture
+from obst_avoid.viz.overlay import contact_sheet
+from obst_avoid.viz.steps import paper_steps
+
+
+def main(arguments: Any = None) -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        prog='show_steps', description='Write each intermediate picture of the detector, and all of them on one sheet.'
+    )
+    tool.add_calibration_arguments(parser)
+    parser.add_argument('--output', metavar='DIR', required=True, help='folder to write to, one folder a picture')
+    parser.add_argument('paths', metavar='PATH', nargs='+', help='pictures, or folders of pictures')
+    return tool.run(_main, parser, arguments)
+
+
+def _main(options: argparse.Namespace) -> int:
+    files = tool.picture_files(options.paths)
+    detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
+    broken = 0
+    for path in tool.progress(files, 'drawing'):
+        stages: Dict[str, Any] = {}
+        try:
+            picture = read_picture(path)
+            _, seen = detection.detect(detector, picture, None, stages.__setitem__)
+        except (PictureError, CalibrationError) as error:
+            print('show_steps: %s' % error, file=sys.stderr)
+            broken += 1
+            continue
+        panels = paper_steps(picture, stages, seen.view)
+        folder = os.path.join(options.output, os.path.splitext(os.path.basename(path))[0])
+        os.makedirs(folder, exist_ok=True)
+        for name, panel in panels:
+            cv2.imwrite(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)
+        cv2.imwrite(os.path.join(folder, 'contact_sheet.png'), contact_sheet(panels, columns=3, width=480))
+        for blob in stages['blobs']:
+            left, bottom = blob.box.left, blob.box.bottom
+            print('%s (%d, %d) %s: %s' % (path, left, bottom, blob.kind.value, blob.refused or 'accepted'))
+    print('%d pictures: %s' % (len(files) - broken, options.output))
+    return 1 if broken else 0

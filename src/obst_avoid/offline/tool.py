@@ -1,0 +1,112 @@
+"""What all command-line tools share: their settings, their errors, their exit codes.
+
+Exit code 0: success. 1: failure, one sentence on stderr. 2: wrong use, from argparse.
+"""
+
+import argparse
+import os
+import sys
+from typing import Any, Callable, Dict, Iterable, List, Sequence, TypeVar
+
+import rospkg
+from tqdm import tqdm
+
+from obst_avoid.core.age import NANOSECONDS
+from obst_avoid.core.calibration import Calibration, CalibrationError, find_calibration, load_calibration
+from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.settings import SettingsError, load, read_yaml
+
+T = TypeVar('T')
+
+PICTURE_ENDINGS = ('.jpg', '.jpeg', '.png')
+
+
+class ToolError(RuntimeError):
+    """A tool cannot do what was asked. The message is one sentence for a person."""
+
+
+def run(main: Callable[[argparse.Namespace], int], parser: argparse.ArgumentParser, arguments: Any = None) -> int:
+    """Parse and run; expected errors become one sentence on stderr and exit code 1."""
+    options = parser.parse_args(arguments)
+    try:
+        return main(options)
+    except (ToolError, SettingsError, CalibrationError) as error:
+        print('%s: %s' % (parser.prog, error), file=sys.stderr)
+    except OSError as error:
+        print('%s: %s: %s' % (parser.prog, error.filename, error.strerror), file=sys.stderr)
+    except KeyboardInterrupt:
+        print('%s: interrupted' % parser.prog, file=sys.stderr)
+    return 1
+
+
+def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:
+    """--calibration and --vehicle, the same in every tool."""
+    parser.add_argument('--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/')
+    parser.add_argument('--vehicle', metavar='NAME', default='', help='robot whose calibration is used')
+    parser.add_argument('--config', metavar='DIR', default='', help="folder of settings (default: the package's own)")
+    parser.add_argument('--profile', metavar='P', default='', help='detector, instead of the one that the settings name')
+
+
+def calibration_of(options: argparse.Namespace) -> Calibration:
+    """The calibration that the options name; without any, the package's default one."""
+    if not options.calibration and not options.vehicle:
+        calibration = load_calibration(os.path.join(package_folder(), 'config/calibrations'), 'default')
+        print('no --calibration given: using the default one, positions are rough', file=sys.stderr)
+    elif not options.vehicle:
+        raise ToolError('--vehicle is missing, expected the name of a robot in %s' % options.calibration)
+    else:
+        calibration = find_calibration(options.vehicle, options.calibration)
+    for warning in calibration.warnings:
+        print('warning: %s' % warning, file=sys.stderr)
+    return calibration
+
+
+def detection_settings(options: argparse.Namespace) -> DetectionSettings:
+    """The detector's settings as its node would get them."""
+    content: Dict[str, Any] = {}
+    for name in ('obstacle_detection_node.yaml', 'bird_view.yaml'):
+        content.update(node_yaml(options.config, name))
+    if options.profile:
+        content['profile'] = options.profile
+    return load(DetectionSettings, content, 'obstacle_detection_node')
+
+
+def node_yaml(config: str, name: str) -> Dict[str, Any]:
+    """One settings file, from the given folder or the package's own."""
+    path = os.path.join(config or os.path.join(package_folder(), 'config'), name)
+    content = read_yaml(path)
+    if not isinstance(content, dict):
+        raise SettingsError('%s is not a mapping, expected settings' % path)
+    return content
+
+
+def package_folder() -> str:
+    """Where config/ and launch/ lie."""
+    return str(rospkg.RosPack().get_path('obst_avoid'))
+
+
+def picture_files(paths: Sequence[str]) -> List[str]:
+    """The picture files among files and folders, in order; a file that was named is taken whatever its ending."""
+    files: List[str] = []
+    for path in paths:
+        if os.path.isdir(path):
+            inside = sorted(name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS))
+            files += [os.path.join(path, name) for name in inside]
+        elif os.path.exists(path):
+            files.append(path)
+        else:
+            raise ToolError('%s does not exist, expected a picture or a folder of pictures' % path)
+    if not files:
+        raise ToolError('no picture in %s, expected files that end in %s' % (', '.join(paths), ', '.join(PICTURE_ENDINGS)))
+    return files
+
+
+def progress(items: Iterable[T], words: str, total: Any = None) -> Iterable[T]:
+    """Show a progress bar on a terminal."""
+    bar: Iterable[T] = tqdm(items, desc=words, total=total, disable=None, leave=False)
+    return bar
+
+
+def stamp_of_frame(index: int, rate: float) -> int:
+    """[ns] of the index-th picture of a folder, from 1 s on: stamp 0 means "no picture yet"."""
+    return NANOSECONDS + round(index * NANOSECONDS / rate)
