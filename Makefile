@@ -17,10 +17,10 @@ help:
 	@echo 'make setup   install what is missing; make build: build into build/'
 
 setup:
-	@deps/install
+	@bash deps/install
 
 build: setup
-	@$(ENV) deps/configure $(BUILD) && cmake --build $(BUILD) >$(BUILD)/build.log || { tail -n 30 $(BUILD)/build.log; exit 1; }
+	@$(ENV) bash deps/configure $(BUILD) && cmake --build $(BUILD) >$(BUILD)/build.log || { tail -n 30 $(BUILD)/build.log; exit 1; }
 
 demo: build
 	@$(DEVEL) rosrun obst_avoid demo --output $(BUILD)/demo $(if $(IMAGES),--images '$(IMAGES)') \
@@ -33,7 +33,7 @@ bench: build
 	@$(DEVEL) rosrun obst_avoid bench --output $(BUILD)/bench.json $(if $(IMAGES),'$(IMAGES)')
 
 lint: setup
-	@deps/lint_tools $(BUILD)/lint
+	@bash deps/lint_tools $(BUILD)/lint
 	@.ci/lint $(BUILD)/lint
 
 clean:

@@ -66,7 +66,9 @@ def make_bird_view(calibration: Calibration, settings: BirdViewSettings) -> Bird
             '%s: homography has the horizon at row %.0f of %d, expected it well above the row of %g m ahead'
             % (calibration.source, horizon, height, settings.crop_distance)
         )
-    corners = np.array([[0, crop_row], [width - 1, crop_row], [0, height - 1], [width - 1, height - 1]], dtype=np.float64)
+    corners = np.array(
+        [[0, crop_row], [width - 1, crop_row], [0, height - 1], [width - 1, height - 1]], dtype=np.float64
+    )
     ground = ground_from_pixel(calibration.homography, corners)
     (x_top, y_left), (x_low, y_right) = ground.max(axis=0), ground.min(axis=0)
     scale = (WIDTH - 1) / (y_left - y_right)
@@ -108,7 +110,7 @@ def ground_from_bird(view: BirdView, pixels: Array) -> Array:
 
 def bird_from_ground(view: BirdView, ground: Array) -> Array:
     """(N, 2) columns x, y in m, robot frame, to (N, 2) columns u, v of the bird view."""
-    offset = np.array([view.x_top, view.y_left]) - np.asarray(ground, dtype=np.float64)
+    offset: Array = np.array([view.x_top, view.y_left]) - np.asarray(ground, dtype=np.float64)
     bird: Array = offset[:, ::-1] * view.pixels_per_metre
     return bird
 

@@ -60,7 +60,10 @@ class Calibration:
 
 
 def find_calibration(
-    vehicle: str, calibration_dir: str = '', default_dir: Optional[str] = None, environ: Optional[Mapping[str, str]] = None
+    vehicle: str,
+    calibration_dir: str = '',
+    default_dir: Optional[str] = None,
+    environ: Optional[Mapping[str, str]] = None,
 ) -> Calibration:
     """Load a robot's calibration from the first folder of Duckietown's search order that has it.
 
@@ -101,7 +104,9 @@ def load_calibration(folder: str, vehicle: str) -> Calibration:
     _check_lens(camera_matrix, 'camera_matrix', width, height, FOCAL_RATIO, intrinsic_path)
     _check_lens(projection, 'projection_matrix', width, height, PROJECTION_RATIO, intrinsic_path)
     if abs(np.linalg.det(rectification) - 1) > 0.01:
-        raise CalibrationError('%s: rectification_matrix = %s, expected a rotation' % (intrinsic_path, _short(rectification)))
+        raise CalibrationError(
+            '%s: rectification_matrix = %s, expected a rotation' % (intrinsic_path, _short(rectification))
+        )
     homography = _homography(extrinsic, projection, width, height, extrinsic_path)
     calibration = Calibration(
         vehicle, width, height, camera_matrix, distortion, rectification, projection, homography, extrinsic_path
@@ -217,8 +222,8 @@ def _check_lens(matrix: Array, name: str, width: int, height: int, ratio: Sequen
     low, high = FOCAL_LENGTH[0] * width, FOCAL_LENGTH[1] * width
     if not (low <= fx <= high and low <= fy <= high and ratio[0] <= fx / fy <= ratio[1]):
         raise CalibrationError(
-            '%s: %s has focal lengths %.0f and %.0f px, expected %.0f to %.0f px for a picture %d px wide, in a ratio of %g to %g'
-            % (path, name, fx, fy, low, high, width, ratio[0], ratio[1])
+            '%s: %s has focal lengths %.0f and %.0f px, expected %.0f to %.0f px for a picture %d px wide, '
+            'in a ratio of %g to %g' % (path, name, fx, fy, low, high, width, ratio[0], ratio[1])
         )
     if not (0.2 * width < cx < 0.8 * width and 0.2 * height < cy < 0.8 * height):
         raise CalibrationError(
@@ -237,15 +242,16 @@ def _homography(extrinsic: Mapping[str, Any], projection: Array, width: int, hei
         result: Array = homography @ np.linalg.inv(projection)
         return result
     if form is not None:
-        raise CalibrationError('%s: format = %r, expected resolution-independent, or no format for pixels' % (path, form))
+        raise CalibrationError(
+            '%s: format = %r, expected resolution-independent, or no format for pixels' % (path, form)
+        )
     sx, sy = width / EXTRINSIC_SIZE[0], height / EXTRINSIC_SIZE[1]
     if abs(sx / sy - 1) > 0.005:
         raise CalibrationError(
             '%s: homography is for 640x480 pixels, expected an intrinsic calibration of that aspect, not %dx%d'
             % (path, width, height)
         )
-    result = homography @ np.linalg.inv(_resize(sx, sy))
-    return result
+    return homography @ np.linalg.inv(_resize(sx, sy))
 
 
 def _resize(sx: float, sy: float) -> Array:
@@ -270,16 +276,23 @@ def _check_view(calibration: Calibration) -> Array:
     grows, upright = bool((np.diff(x) > 0).all()), bool(left > right)
     span = 'x = %.3f m at the bottom row and %.3f m at row %d' % (x[0], x[2], rows[2])
     if not grows and not upright:
-        raise refuse('is upside down, %s, left of the middle y is smaller' % span, 'x to grow towards the horizon and y to the left')
+        raise refuse(
+            'is upside down, %s, left of the middle y is smaller' % span,
+            'x to grow towards the horizon and y to the left',
+        )
     if not upright:
-        raise refuse('is mirrored, y = %.4f m left of the middle and %.4f m right of it' % (left, right), 'y to grow to the left')
+        raise refuse(
+            'is mirrored, y = %.4f m left of the middle and %.4f m right of it' % (left, right), 'y to grow to the left'
+        )
     if not grows:
         raise refuse('sees the road from below, %s' % span, 'a camera above the road, x to grow towards the horizon')
     if homography[2, 1] <= 0 or horizon_row(homography, middle) >= rows[2]:
         raise refuse('has no horizon above row %d at the middle column' % rows[2], 'a camera that looks ahead')
     roll = camera_roll(replace(calibration, homography=homography))
     if abs(roll) > LARGEST_ROLL:
-        raise refuse('has the camera rolled by %.1f degrees' % math.degrees(roll), 'at most %.0f' % math.degrees(LARGEST_ROLL))
+        raise refuse(
+            'has the camera rolled by %.1f degrees' % math.degrees(roll), 'at most %.0f' % math.degrees(LARGEST_ROLL)
+        )
     if not -0.2 < x[0] < 1.0:
         raise refuse('has %s' % span, 'the road shortly before the robot at the bottom row')
     return homography
@@ -290,7 +303,10 @@ def _oddities(calibration: Calibration) -> List[str]:
     path = calibration.source
     height = camera_position(calibration)[2]
     if not CAMERA_HEIGHT[0] <= height <= CAMERA_HEIGHT[1]:
-        odd.append('%s: homography puts the camera %.3f m above the road, expected %g to %g m' % ((path, height) + CAMERA_HEIGHT))
+        odd.append(
+            '%s: homography puts the camera %.3f m above the road, expected %g to %g m'
+            % ((path, height) + CAMERA_HEIGHT)
+        )
     columns = np.linalg.inv(calibration.projection) @ np.linalg.inv(calibration.homography)
     first, second = np.linalg.norm(columns[:, 0]), np.linalg.norm(columns[:, 1])
     if not 0.8 <= first / second <= 1.25:

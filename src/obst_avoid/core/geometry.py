@@ -1,4 +1,4 @@
-"""Points between the camera picture, the rectified picture, the road and the lane. A function names its result first."""
+"""Points between camera picture, rectified picture, road and lane. A function names its result first."""
 
 from typing import Tuple
 

@@ -38,7 +38,9 @@ def check_picture(picture: Array) -> Array:
     if picture.ndim == 2:
         raise PictureError('the picture has one channel, expected colour: grey says nothing about duckies and cones')
     if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-        raise PictureError('the picture has shape %s of %s, expected (height, width, 3) of uint8' % (picture.shape, picture.dtype))
+        raise PictureError(
+            'the picture has shape %s of %s, expected (height, width, 3) of uint8' % (picture.shape, picture.dtype)
+        )
     if min(picture.shape[:2]) < 16:
         raise PictureError('the picture is %dx%d, expected at least 16x16' % (picture.shape[1], picture.shape[0]))
     return picture

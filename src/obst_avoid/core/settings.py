@@ -6,6 +6,7 @@ A field has no default: tuned numbers live in config/*.yaml and nowhere else.
 import dataclasses
 import difflib
 import math
+import operator
 from typing import Any, Callable, Dict, Mapping, Optional, Type, TypeVar
 
 import yaml
@@ -27,10 +28,10 @@ def number(
 ) -> Any:
     """A field that holds a finite number within the given limits."""
     limits = [
-        (above, '>', lambda value, limit: value > limit),
-        (at_least, '>=', lambda value, limit: value >= limit),
-        (below, '<', lambda value, limit: value < limit),
-        (at_most, '<=', lambda value, limit: value <= limit),
+        (above, '>', operator.gt),
+        (at_least, '>=', operator.ge),
+        (below, '<', operator.lt),
+        (at_most, '<=', operator.le),
     ]
     given = [(limit, sign, holds) for limit, sign, holds in limits if limit is not None]
     wanted = ' '.join(['a number'] + [' and '.join('%s %g' % (sign, limit) for limit, sign, _ in given)]).strip()
@@ -51,7 +52,9 @@ def integers(count: int, at_least: int, at_most: int) -> Any:
     def check(value: Any, where: str) -> Any:
         usable = isinstance(value, (list, tuple)) and len(value) == count
         if not usable or not all(type(v) is int and at_least <= v <= at_most for v in value):
-            raise SettingsError('%s = %r, expected %d whole numbers from %d to %d' % (where, value, count, at_least, at_most))
+            raise SettingsError(
+                '%s = %r, expected %d whole numbers from %d to %d' % (where, value, count, at_least, at_most)
+            )
         return tuple(value)
 
     return _field(check)
@@ -115,8 +118,7 @@ def load(settings: Type[S], mapping: Any, where: str) -> S:
     if not isinstance(mapping, Mapping):
         raise SettingsError('%s = %r, expected a mapping of settings' % (where, mapping))
     checks: Dict[str, Callable[[Any, str], Any]] = {
-        field.name: field.metadata[_CHECK]
-        for field in dataclasses.fields(settings)  # type: ignore[arg-type]
+        field.name: field.metadata[_CHECK] for field in dataclasses.fields(settings)
     }
     for name in mapping:
         if name not in checks:

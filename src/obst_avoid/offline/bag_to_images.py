@@ -18,7 +18,9 @@ def main(arguments: Any = None) -> int:
     )
     parser.add_argument('bag', metavar='BAG')
     parser.add_argument('--output', metavar='DIR', required=True, help='folder to write to')
-    parser.add_argument('--vehicle', metavar='NAME', default='', help='robot whose pictures are taken, if there are several')
+    parser.add_argument(
+        '--vehicle', metavar='NAME', default='', help='robot whose pictures are taken, if there are several'
+    )
     parser.add_argument('--topic', metavar='TOPIC', default='', help='picture topic, if it has an unusual name')
     parser.add_argument('--every', metavar='N', type=int, default=1, help='take every Nth picture (default: 1)')
     return tool.run(_main, parser, arguments)

@@ -105,7 +105,13 @@ def _print(figures: Dict[str, Dict[str, float]], threads: int, count: int) -> No
     print('\n%d thread%s, %d pictures, milliseconds' % (threads, '' if threads == 1 else 's', count))
     print('%-38s %8s %8s %8s %12s' % ('stage', 'median', 'p95', 'p99', 'x decoding'))
     for name, values in figures.items():
-        row = (WORDS.get(name, name), values['median_ms'], values['p95_ms'], values['p99_ms'], values['median_ms'] / floor)
+        row = (
+            WORDS.get(name, name),
+            values['median_ms'],
+            values['p95_ms'],
+            values['p99_ms'],
+            values['median_ms'] / floor,
+        )
         print('%-38s %8.3f %8.3f %8.3f %12.2f' % row)
 
 

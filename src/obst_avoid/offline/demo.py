@@ -15,11 +15,14 @@ from obst_avoid.offline.summary import table
 def main(arguments: Any = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(
-        prog='demo', description='Play a drawn drive, or your pictures, through detector, avoider, visualizer and controller.'
+        prog='demo',
+        description='Play a drawn drive, or your pictures, through detector, avoider, visualizer and controller.',
     )
     parser.add_argument('--output', metavar='DIR', required=True, help='folder for summary.json and contact_sheet.png')
     parser.add_argument('--images', metavar='DIR', help='play the pictures of a folder instead of the drawn drive')
-    parser.add_argument('--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/')
+    parser.add_argument(
+        '--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/'
+    )
     parser.add_argument('--vehicle', metavar='NAME', default='demo', help='robot whose calibration is used')
     return tool.run(_main, parser, arguments)
 
@@ -31,7 +34,10 @@ def _main(options: argparse.Namespace) -> int:
         if os.path.exists(os.path.join(output, name)):
             os.remove(os.path.join(output, name))
     call = ['roslaunch', '--port', str(_free_port()), 'obst_avoid', 'demo.launch', 'output:=' + output]
-    call += ['veh:=' + options.vehicle, 'calibration_dir:=' + (options.calibration and os.path.abspath(options.calibration))]
+    call += [
+        'veh:=' + options.vehicle,
+        'calibration_dir:=' + (options.calibration and os.path.abspath(options.calibration)),
+    ]
     if options.images:
         tool.picture_files([options.images])
         call.append('images:=' + os.path.abspath(options.images))
@@ -57,7 +63,10 @@ def _main(options: argparse.Namespace) -> int:
         raise tool.ToolError('the drive ended without a summary, see %s' % log.name) from error
     print('\n' + table(summary) + '\n\nPictures and log: %s' % output)
     if not options.images and not (summary['stops'] and summary['releases']):
-        print('demo: %d stops and %d releases, expected at least one of each' % (summary['stops'], summary['releases']), file=sys.stderr)
+        print(
+            'demo: %d stops and %d releases, expected at least one of each' % (summary['stops'], summary['releases']),
+            file=sys.stderr,
+        )
         return 1
     return 0
 

@@ -72,7 +72,7 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def json_from_obstacle(obstacle: Obstacle) -> Dict[str, Any]:
-    """One entry of the detections file; numbers in m, bbox = [left, top, width, height] in pixels of the picture as given."""
+    """One entry of the detections file: m, and bbox = [left, top, width, height] in pixels of the picture as given."""
     box = obstacle.image_box
     assert box is not None and obstacle.kind is not None, 'detectors say both'
     return {

@@ -9,6 +9,8 @@ import os
 from typing import Any, Dict, List, Tuple
 
 import rosbag
+from sensor_msgs.msg import CameraInfo
+
 from obst_avoid.core.age import NANOSECONDS
 from obst_avoid.core.calibration import Calibration, load_calibration
 from obst_avoid.core.picture import encode_jpeg
@@ -17,7 +19,6 @@ from obst_avoid.msg import LanePose as LanePoseMsg
 from obst_avoid.offline import tool
 from obst_avoid.ros import border
 from obst_avoid.sim.drawn import RobotPose, Scene, Thing, draw
-from sensor_msgs.msg import CameraInfo
 
 RATE = 30.0
 DURATION = 7.0

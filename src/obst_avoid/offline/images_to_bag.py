@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 import rosbag
+
 from obst_avoid.core.picture import PictureError, decode_jpeg
 from obst_avoid.offline import tool
 from obst_avoid.offline.pictures import read_jpeg
@@ -17,7 +18,9 @@ def main(arguments: Any = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(prog='images_to_bag', description='Write picture files into a bag, in order.')
     parser.add_argument('--output', metavar='BAG', required=True, help='bag to write')
-    parser.add_argument('--vehicle', metavar='NAME', default='images', help='robot under whose name they stand (default: images)')
+    parser.add_argument(
+        '--vehicle', metavar='NAME', default='images', help='robot under whose name they stand (default: images)'
+    )
     parser.add_argument('--rate', metavar='HZ', type=float, default=30.0, help='pictures a second (default: 30)')
     parser.add_argument('paths', metavar='PATH', nargs='+', help='pictures, or folders of pictures')
     return tool.run(_main, parser, arguments)

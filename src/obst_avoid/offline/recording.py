@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Iterator, Tuple
 
 import rosbag
+
 from obst_avoid.core.picture import PictureError
 from obst_avoid.offline.pictures import read_jpeg
 from obst_avoid.offline.tool import ToolError, picture_files, stamp_of_frame
@@ -73,7 +74,9 @@ def open_bag(path: str, vehicle: str = '', topic: str = '') -> Recording:
     if recording.picture_role not in topics:
         wanted = 'a topic that ends in %s or %s' % (TOPICS[JPEG], TOPICS[RAW])
         robot = ' of %s' % vehicle if vehicle else ''
-        raise ToolError('%s has no pictures%s, expected %s, found: %s' % (path, robot, wanted, ', '.join(sorted(info)) or 'nothing'))
+        raise ToolError(
+            '%s has no pictures%s, expected %s, found: %s' % (path, robot, wanted, ', '.join(sorted(info)) or 'nothing')
+        )
     return Recording(path, topics, info[topics[recording.picture_role]].message_count)
 
 
@@ -83,8 +86,13 @@ def open_folder(path: str, rate: float) -> Recording:
     return Recording(path, {JPEG: ''}, len(files), tuple(files), rate)
 
 
+def robot_of(recording: Recording) -> str:
+    """Name of the robot that recorded a bag."""
+    return recording.topics[recording.picture_role].strip('/').split('/')[0]
+
+
 def messages(recording: Recording) -> Iterator[Recorded]:
-    """All messages in time order. A file that cannot be read as a picture is passed on as it is: its reader says why."""
+    """All messages in time order. A file that is no picture is passed on empty: its reader complains."""
     if recording.files:
         for index, path in enumerate(recording.files):
             stamp = stamp_of_frame(index, recording.rate)

@@ -41,10 +41,14 @@ def run(main: Callable[[argparse.Namespace], int], parser: argparse.ArgumentPars
 
 def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:
     """--calibration and --vehicle, the same in every tool."""
-    parser.add_argument('--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/')
+    parser.add_argument(
+        '--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/'
+    )
     parser.add_argument('--vehicle', metavar='NAME', default='', help='robot whose calibration is used')
     parser.add_argument('--config', metavar='DIR', default='', help="folder of settings (default: the package's own)")
-    parser.add_argument('--profile', metavar='P', default='', help='detector, instead of the one that the settings name')
+    parser.add_argument(
+        '--profile', metavar='P', default='', help='detector, instead of the one that the settings name'
+    )
 
 
 def calibration_of(options: argparse.Namespace) -> Calibration:
@@ -97,7 +101,9 @@ def picture_files(paths: Sequence[str]) -> List[str]:
         else:
             raise ToolError('%s does not exist, expected a picture or a folder of pictures' % path)
     if not files:
-        raise ToolError('no picture in %s, expected files that end in %s' % (', '.join(paths), ', '.join(PICTURE_ENDINGS)))
+        raise ToolError(
+            'no picture in %s, expected files that end in %s' % (', '.join(paths), ', '.join(PICTURE_ENDINGS))
+        )
     return files
 
 

@@ -10,12 +10,13 @@ import genpy
 import numpy as np
 from cv_bridge import CvBridge, CvBridgeError
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
 from obst_avoid.core.lane_control import Reference
 from obst_avoid.core.picture import PictureError, check_picture, decode_jpeg
 from obst_avoid.core.types import Array, Box, Command, Decision, LanePose, Obstacle, State
 from obst_avoid.msg import LaneControl
-from sensor_msgs.msg import CompressedImage, Image
-from std_msgs.msg import Header
 
 _BRIDGE = CvBridge()
 
@@ -101,8 +102,8 @@ def decision_from_lane_control(msg: LaneControl) -> Decision:
     states = [state for state in State if state.value == msg.state]
     if not states or msg.active != (states[0] is not State.CLEAR) or msg.v_ref < 0:
         raise BorderError(
-            'the lane control has state %d, active %s and v_ref %g, expected a known state, active unless CLEAR, and v_ref >= 0'
-            % (msg.state, msg.active, msg.v_ref)
+            'the lane control has state %d, active %s and v_ref %g, expected a known state, active unless CLEAR, '
+            'and v_ref >= 0' % (msg.state, msg.active, msg.v_ref)
         )
     return Decision(states[0], msg.d_ref, msg.v_ref, msg.reason)
 
@@ -150,7 +151,9 @@ def picture_from_image(msg: Image) -> Array:
             raise PictureError('the picture has %d bytes, expected %d rows of %d' % (len(msg.data), msg.height, row))
         picture = np.ascontiguousarray(_BRIDGE.imgmsg_to_cv2(msg, 'bgr8'))
     except (CvBridgeError, RuntimeError, TypeError) as error:
-        raise PictureError('the picture with encoding %r does not convert to bgr8: %s' % (msg.encoding, error)) from error
+        raise PictureError(
+            'the picture with encoding %r does not convert to bgr8: %s' % (msg.encoding, error)
+        ) from error
     return check_picture(picture)
 
 

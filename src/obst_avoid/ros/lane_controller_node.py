@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Optional
 
 import rospy
+
 from obst_avoid.core.age import age
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
 from obst_avoid.core.settings import text
@@ -70,7 +71,11 @@ class ControllerNode:
     def _on_look(self) -> None:
         with self._lock:
             clock = self._clock.look()
-            if age(self._commanded, clock.now) >= PERIOD or clock.wall - self._commanded_wall >= PERIOD or clock.backwards:
+            if (
+                age(self._commanded, clock.now) >= PERIOD
+                or clock.wall - self._commanded_wall >= PERIOD
+                or clock.backwards
+            ):
                 self._act(clock)
 
     def _act(self, clock: node.ClockReading) -> None:

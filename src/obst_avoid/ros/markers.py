@@ -4,13 +4,14 @@ from typing import List, Sequence, Tuple
 
 import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
 from obst_avoid.core.avoidance.region import footprint_centre, region_outline
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.geometry import robot_from_lane
 from obst_avoid.core.types import Decision, LanePose, Obstacle, State
 from obst_avoid.ros.border import ros_time
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
 
 RED, GREEN = ColorRGBA(0.9, 0.1, 0.1, 0.9), ColorRGBA(0.1, 0.8, 0.2, 0.9)
 YELLOW, BLUE = ColorRGBA(1.0, 0.8, 0.0, 1.0), ColorRGBA(0.2, 0.5, 1.0, 1.0)
@@ -21,11 +22,10 @@ LIFETIME = 1.0
 STATE_COLOR = {State.CLEAR: GREEN, State.SLOWING: YELLOW, State.AVOIDING: YELLOW, State.STOPPED: RED, State.FAULT: RED}
 
 
-def markers_from_obstacles(
-    obstacles: Sequence[Obstacle], shown_before: int, stamp: int, frame_id: str
-) -> MarkerArray:
+def markers_from_obstacles(obstacles: Sequence[Obstacle], shown_before: int, stamp: int, frame_id: str) -> MarkerArray:
     """One cylinder an obstacle, red inside our lane, green outside, its diameter true; as many as were shown before and
-    are not any more are deleted."""
+    are not any more are deleted.
+    """
     header = Header(stamp=ros_time(stamp), frame_id=frame_id)
     markers = []
     for i, obstacle in enumerate(obstacles):
@@ -34,8 +34,7 @@ def markers_from_obstacles(
         marker.pose.position = Point(x, y, HEIGHT / 2)
         marker.scale = Vector3(2 * obstacle.radius, 2 * obstacle.radius, HEIGHT)
         markers.append(marker)
-    for i in range(len(obstacles), shown_before):
-        markers.append(_deleted(header, 'obstacles', i))
+    markers += [_deleted(header, 'obstacles', i) for i in range(len(obstacles), shown_before)]
     return MarkerArray(markers)
 
 
@@ -46,12 +45,14 @@ def markers_from_decision(
     header = Header(stamp=ros_time(stamp), frame_id=frame_id)
     color = STATE_COLOR[decision.state]
     outline = region_outline(settings)
-    region = _line(header, 'region', color, [(x, y) for x, y in (*outline, outline[0])])
-    path = _line(header, 'path', BLUE, [robot_from_lane(x, decision.d_ref, pose) for x in (0.0, 0.25, settings.box_length)])
+    region = _line(header, 'region', color, [*outline, outline[0]])
+    path = _line(
+        header, 'path', BLUE, [robot_from_lane(x, decision.d_ref, pose) for x in (0.0, 0.25, settings.box_length)]
+    )
     reason = _marker(header, 'reason', 0, Marker.TEXT_VIEW_FACING, color)
     reason.pose.position = Point(-0.1, 0.0, 0.1)
-    reason.scale.z = 0.03
-    reason.text = '%s: %s' % (decision.state.name, decision.reason)
+    reason.scale.z = 0.025
+    reason.text = '%s\n%s' % (decision.state.name, decision.reason.replace(', ', ',\n'))
     if decision.obstacle is None:
         return MarkerArray([region, path, reason, _deleted(header, 'deciding', 0)])
     x, y = footprint_centre(decision.obstacle)

@@ -11,6 +11,7 @@ import diagnostic_updater
 import rospkg
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
+
 from obst_avoid.core.calibration import Calibration, CalibrationError, find_calibration
 from obst_avoid.core.settings import SettingsError, load
 from obst_avoid.ros.border import nanoseconds
@@ -25,7 +26,7 @@ class NodeError(RuntimeError):
 
 
 def run(name: str, start: Callable[[], Any]) -> None:
-    """Start a node and spin. A start that fails prints one sentence and exits with 1; so does a node that broke later."""
+    """Start a node and spin. One that cannot start, or that broke later, says why and exits with 1."""
     rospy.init_node(name)
     try:
         node = start()
@@ -47,7 +48,7 @@ def private_settings(settings: Type[S]) -> S:
 
 
 def calibration_of(veh: str, calibration_dir: str, allow_default: bool) -> Calibration:
-    """The robot's calibration by Duckietown's search order; says which one and what looks odd. Raises CalibrationError."""
+    """The robot's calibration by Duckietown's search order; logs which one, and what looks odd in it."""
     own = rospkg.RosPack().get_path('obst_avoid') + '/config/calibrations'
     calibration = find_calibration(veh, calibration_dir, own if allow_default else None)
     rospy.loginfo('%s: calibration from %s', rospy.get_name(), calibration.source)
@@ -111,7 +112,7 @@ class Newest(Generic[T]):
 
 @dataclass(frozen=True)
 class ClockReading:
-    """now: ROS time in ns. wall: [s], monotonic. stood: [s] of wall time since ROS time moved. backwards: it jumped back."""
+    """now: ROS time [ns]. wall: [s], monotonic. stood: [s] of wall time since ROS time moved. backwards: it jumped."""
 
     now: int
     wall: float
@@ -170,5 +171,3 @@ def dropped(what: str, error: Exception) -> str:
     sentence = '%s dropped: %s' % (what, error)
     rospy.logwarn_throttle(2.0, '%s: %s' % (rospy.get_name(), sentence))
     return sentence
-
-

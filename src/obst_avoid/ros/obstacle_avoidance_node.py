@@ -6,6 +6,8 @@ from typing import Any
 
 import rospy
 from geometry_msgs.msg import PoseArray
+from visualization_msgs.msg import MarkerArray
+
 from obst_avoid.core.age import age
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
@@ -15,7 +17,6 @@ from obst_avoid.msg import LaneControl
 from obst_avoid.ros import border, node
 from obst_avoid.ros.markers import markers_from_decision
 from obst_avoid.ros.messages import find_messages
-from visualization_msgs.msg import MarkerArray
 
 PERIOD = 0.1
 """[s] after which LaneControl is published again when no PoseArray came; the controller waits for 0.4 s."""

@@ -6,6 +6,8 @@ from typing import Any, Optional, Union
 
 import rospy
 from geometry_msgs.msg import PoseArray
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
 from obst_avoid.core import detection
 from obst_avoid.core.age import age
 from obst_avoid.core.calibration import CalibrationError, scaled
@@ -13,7 +15,6 @@ from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import choice, flag, text
 from obst_avoid.ros import border, node
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,9 @@ import numpy as np
 import rospy
 import tf2_ros
 from geometry_msgs.msg import PoseArray, Quaternion, TransformStamped, Vector3
+from sensor_msgs.msg import CompressedImage, Image
+from visualization_msgs.msg import MarkerArray
+
 from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, warp
 from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
 from obst_avoid.core.picture import PictureError, encode_jpeg
@@ -21,8 +24,6 @@ from obst_avoid.core.types import Array, Obstacle
 from obst_avoid.ros import border, node
 from obst_avoid.ros.markers import markers_from_obstacles
 from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture
-from sensor_msgs.msg import CompressedImage, Image
-from visualization_msgs.msg import MarkerArray
 
 KEPT = 60
 """Pictures that wait for their obstacle list: 2 s at 30 Hz, more than a Raspberry Pi and a bad network need."""
@@ -70,7 +71,7 @@ class VisualNode:
         self._frame = border.footprint_frame(settings.veh)
         self._camera_frame = border.camera_frame(settings.veh)
         self._lock = threading.Lock()
-        self._pictures: 'collections.OrderedDict[int, Any]' = collections.OrderedDict()
+        self._pictures: collections.OrderedDict[int, Any] = collections.OrderedDict()
         self._newest: node.Newest[Tuple[int, List[Obstacle]]] = node.Newest()
         self._subscriber: Optional[rospy.Subscriber] = None
         self._shown = 0
@@ -86,7 +87,9 @@ class VisualNode:
 
     @staticmethod
     def _output(name: str, raw: Any, jpeg: Any) -> Output:
-        return Output(rospy.Publisher(name, raw, queue_size=1), rospy.Publisher(name + '/compressed', jpeg, queue_size=1))
+        return Output(
+            rospy.Publisher(name, raw, queue_size=1), rospy.Publisher(name + '/compressed', jpeg, queue_size=1)
+        )
 
     def _on_obstacles(self, msg: PoseArray) -> None:
         try:

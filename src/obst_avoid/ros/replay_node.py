@@ -14,18 +14,29 @@ from typing import Any, Dict, List, Optional, Tuple
 import cv2
 import rospy
 from geometry_msgs.msg import PoseArray
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.settings import choice, number, text
 from obst_avoid.core.types import Decision, LanePose, Obstacle
 from obst_avoid.msg import LaneControl
-from obst_avoid.offline.recording import CAMERA_INFO, JPEG, LANE_POSE, RAW, Recorded, Recording, messages, open_bag, open_folder
+from obst_avoid.offline.recording import (
+    CAMERA_INFO,
+    JPEG,
+    LANE_POSE,
+    RAW,
+    Recorded,
+    Recording,
+    messages,
+    open_bag,
+    open_folder,
+)
 from obst_avoid.offline.summary import summarise, table
 from obst_avoid.offline.tool import ToolError
 from obst_avoid.ros import border, node
 from obst_avoid.ros.messages import find_messages
 from obst_avoid.viz.overlay import banner, contact_sheet
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 TICK = 10_000_000
 """[ns] of simulated time between two messages on /clock, as rosbag play has it."""
@@ -98,7 +109,7 @@ class Answers:
             return self._changed.wait_for(lambda: stamp in self.decision_of, LOOK)
 
     def sheet(self) -> Optional[Any]:
-        """Contact sheet of pictures with obstacles, spread over the drive, each with the decision; all if there are few."""
+        """Contact sheet of pictures with obstacles, spread over the drive, with the decisions; all if few."""
         with self._changed:
             annotated = [(stamp, jpeg) for stamp, jpeg in self._annotated if stamp in self.decision_of]
         with_obstacles = [item for item in annotated if self.obstacles.get(item[0])]
@@ -153,7 +164,9 @@ class ReplayNode:
         end = time.monotonic() + START_WAIT
         while not all(self._publishers[role].get_num_connections() for role in wanted):
             if time.monotonic() > end or rospy.is_shutdown():
-                raise node.NodeError('nobody listens to the pictures after %.0f s, expected detector and avoider' % START_WAIT)
+                raise node.NodeError(
+                    'nobody listens to the pictures after %.0f s, expected detector and avoider' % START_WAIT
+                )
             time.sleep(0.05)
         time.sleep(0.5)  # for the subscriptions in the other direction
 

@@ -71,7 +71,7 @@ def robot_from_world(x: Any, y: Any, pose: RobotPose) -> Tuple[Any, Any]:
 def draw(scene: Scene, calibration: Calibration, pose: RobotPose, seed: int = 0) -> Array:
     """The picture that the robot's camera takes: (height, width, 3) uint8, BGR, lens distortion included."""
     picture = _road(scene, calibration, pose)
-    near_last = sorted(scene.things, key=lambda thing: -robot_from_world(thing.x, thing.y, pose)[0])
+    near_last = sorted(scene.things, key=lambda thing: -float(robot_from_world(thing.x, thing.y, pose)[0]))
     for thing in near_last:
         for color, points in _parts(thing):
             _draw_part(picture, calibration, pose, color, points)
@@ -136,7 +136,9 @@ def _ellipsoid(centre: Array, semi_axes: Tuple[float, float, float]) -> Array:
     return surface
 
 
-def _draw_part(picture: Array, calibration: Calibration, pose: RobotPose, color: Tuple[int, int, int], points: Array) -> None:
+def _draw_part(
+    picture: Array, calibration: Calibration, pose: RobotPose, color: Tuple[int, int, int], points: Array
+) -> None:
     x, y = robot_from_world(points[:, 0], points[:, 1], pose)
     rotation, translation = camera_from_robot(calibration)
     camera = np.column_stack([x, y, points[:, 2]]) @ rotation.T + translation

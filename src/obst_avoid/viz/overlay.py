@@ -33,7 +33,7 @@ def draw_on_picture(picture: Array, obstacles: Sequence[Obstacle], view: BirdVie
 
 
 def draw_on_bird_view(bird: Array, obstacles: Sequence[Obstacle]) -> Array:
-    """A copy of the bird view, (H, W, 3) uint8, with each obstacle's box, the foot that gives its place, and a label."""
+    """A copy of the bird view, (H, W, 3) uint8, with each obstacle's box, its foot, and a label."""
     drawn = bird.copy()
     for obstacle in obstacles:
         box = obstacle.bird_box

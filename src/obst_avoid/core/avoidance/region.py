@@ -3,10 +3,10 @@
 import math
 from typing import Tuple
 
+import numpy as np
+
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.types import Array, Obstacle
-
-import numpy as np
 
 
 def footprint_centre(obstacle: Obstacle) -> Tuple[float, float]:

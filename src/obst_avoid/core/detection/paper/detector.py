@@ -56,7 +56,7 @@ def detect(
     blobs = find_blobs(yellow, Kind.DUCKIE, scale, settings) + find_blobs(orange, Kind.CONE, scale, settings)
     trace('blobs', blobs)
     found = [blob for blob in blobs if not blob.refused]
-    tracks = None
+    tracks: Optional[Stamped[Sequence[Track]]] = None
     if stamp is not None:
         tracks = Stamped(stamp, track(_fresh(state.tracks, stamp, settings), found, scale, settings))
         found = confirmed(tracks.value, settings) + [blob for blob in found if blob.kind is Kind.CONE]

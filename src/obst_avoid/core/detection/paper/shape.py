@@ -29,7 +29,7 @@ class Blob:
 
     @property
     def ratio(self) -> float:
-        """major / minor; infinite for a streak one pixel wide."""
+        """Major / minor; infinite for a streak one pixel wide."""
         return self.major / self.minor if self.minor > 0 else math.inf
 
 

@@ -12,14 +12,17 @@ from obst_avoid.core.types import Kind
 @dataclass(frozen=True)
 class Track:
     """A duckie-like blob of the last picture. seen: consecutive pictures, that one included. changed: by more than
-    size_change since the picture before."""
+    size_change since the picture before.
+    """
 
     blob: Blob
     seen: int
     changed: bool
 
 
-def track(tracks: Sequence[Track], blobs: Sequence[Blob], pixels_per_metre: float, settings: PaperSettings) -> List[Track]:
+def track(
+    tracks: Sequence[Track], blobs: Sequence[Blob], pixels_per_metre: float, settings: PaperSettings
+) -> List[Track]:
     """Match the duckie-like blobs of one picture with the tracks of the picture before.
 
     Each track takes at most one blob, nearest pairs first; a track that finds none ends, since the report's rule
@@ -39,7 +42,9 @@ def track(tracks: Sequence[Track], blobs: Sequence[Blob], pixels_per_metre: floa
         if i not in taken and j not in before:
             taken.add(i)
             before[j] = tracks[i]
-    return [_continued(blob, before[j], settings) if j in before else Track(blob, 1, False) for j, blob in enumerate(ducks)]
+    return [
+        _continued(blob, before[j], settings) if j in before else Track(blob, 1, False) for j, blob in enumerate(ducks)
+    ]
 
 
 def confirmed(tracks: Sequence[Track], settings: PaperSettings) -> List[Blob]:
