@@ -22,9 +22,9 @@ def why_stale(name: str, value: Optional[Stamped[T]], now: int, limit: float, ah
         return 'no %s yet' % name
     seconds = age(value.stamp, now)
     if seconds > limit:
-        return '%s is %.2f s old, limit %.2f s' % (name, seconds, limit)
+        return 'the %s is %.2f s old, limit %.2f s' % (name, seconds, limit)
     if seconds < -ahead:
-        return '%s is stamped %.2f s in the future, limit %.2f s' % (name, -seconds, ahead)
+        return 'the %s is stamped %.2f s in the future, limit %.2f s' % (name, -seconds, ahead)
     return None
 
 

@@ -28,6 +28,8 @@ FOCAL_RATIO = (0.8, 1.25)
 """Bounds of fx / fy: camera pixels are square within a few per cent."""
 PROJECTION_RATIO = (0.5, 2.0)
 """The same for the rectified picture, which may be stretched: the fleet has 0.8 to 1.0."""
+LARGEST_CONDITION = 1e8
+"""Of a homography, scaled to a largest entry of 1; the fleet has 1e3 to 3e3. Beyond, the picture maps onto a line."""
 CAMERA_HEIGHT = (0.04, 0.30)
 """Bounds in m beyond which a camera's height above the road is worth a warning; the fleet has 0.08 to 0.14."""
 
@@ -103,7 +105,7 @@ def load_calibration(folder: str, vehicle: str) -> Calibration:
     projection = _matrix(intrinsic, 'projection_matrix', (3, 4), intrinsic_path)[:, :3]
     _check_lens(camera_matrix, 'camera_matrix', width, height, FOCAL_RATIO, intrinsic_path)
     _check_lens(projection, 'projection_matrix', width, height, PROJECTION_RATIO, intrinsic_path)
-    if abs(np.linalg.det(rectification) - 1) > 0.01:
+    if np.linalg.det(rectification) < 0 or np.abs(rectification @ rectification.T - np.eye(3)).max() > 0.01:
         raise CalibrationError(
             '%s: rectification_matrix = %s, expected a rotation' % (intrinsic_path, _short(rectification))
         )
@@ -204,7 +206,7 @@ def _matrix(content: Mapping[str, Any], name: str, shape: Tuple[int, int], path:
     wanted = '%d numbers' % (shape[0] * shape[1])
     try:
         matrix = np.array(data, dtype=np.float64).reshape(shape)
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         shown = 'missing' if value is None else '= %s' % _short(data)
         raise CalibrationError('%s: %s %s, expected %s' % (path, name, shown, wanted)) from error
     if not np.isfinite(matrix).all():
@@ -235,7 +237,7 @@ def _check_lens(matrix: Array, name: str, width: int, height: int, ratio: Sequen
 def _homography(extrinsic: Mapping[str, Any], projection: Array, width: int, height: int, path: str) -> Array:
     """From rectified pixels of a width x height picture to the road, from either of Duckietown's formats."""
     homography = _matrix(extrinsic, 'homography', (3, 3), path)
-    if abs(np.linalg.det(homography)) < 1e-12:
+    if np.linalg.cond(homography / np.abs(homography).max(initial=1e-300)) > LARGEST_CONDITION:
         raise CalibrationError('%s: homography = %s, expected an invertible matrix' % (path, _short(homography)))
     form = extrinsic.get('format')
     if form == 'resolution-independent':  # maps the rectified ray (x / z, y / z, 1)
@@ -270,6 +272,8 @@ def _check_view(calibration: Calibration) -> Array:
     homography = homography * np.sign((homography @ (middle, bottom, 1))[2])
     rows = np.linspace(bottom, bottom - 0.2 * calibration.height, 3)
     road = np.stack([homography @ (middle, row, 1) for row in rows])
+    if (road[:, 2] <= 0).any():
+        raise refuse('has no horizon above row %d at the middle column' % rows[2], 'a camera that looks ahead and down')
     x = road[:, 0] / road[:, 2]
     sides = np.stack([homography @ (column, rows[1], 1) for column in (middle - 1, middle + 1)])
     left, right = sides[:, 1] / sides[:, 2]
@@ -286,8 +290,8 @@ def _check_view(calibration: Calibration) -> Array:
         )
     if not grows:
         raise refuse('sees the road from below, %s' % span, 'a camera above the road, x to grow towards the horizon')
-    if homography[2, 1] <= 0 or horizon_row(homography, middle) >= rows[2]:
-        raise refuse('has no horizon above row %d at the middle column' % rows[2], 'a camera that looks ahead')
+    if homography[2, 1] <= 0:
+        raise refuse('has no horizon above row %d at the middle column' % rows[2], 'a camera that looks ahead and down')
     roll = camera_roll(replace(calibration, homography=homography))
     if abs(roll) > LARGEST_ROLL:
         raise refuse(

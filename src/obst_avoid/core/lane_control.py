@@ -48,8 +48,8 @@ def control(
     A missing or stale input stops the robot.
     """
     stale = why_stopped(clock_stood, settings.clock_age_limit)
-    stale = stale or why_stale('the lane pose', lane_pose, now, settings.lane_pose_age_limit, settings.future_limit)
-    stale = stale or why_stale('the lane control', reference, now, settings.reference_age_limit, settings.future_limit)
+    stale = stale or why_stale('lane pose', lane_pose, now, settings.lane_pose_age_limit, settings.future_limit)
+    stale = stale or why_stale('lane control', reference, now, settings.reference_age_limit, settings.future_limit)
     if stale is not None or lane_pose is None or reference is None:
         return Command(0.0, 0.0), 'stopping: %s' % stale
     pose, wanted = lane_pose.value, reference.value

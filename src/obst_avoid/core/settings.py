@@ -5,8 +5,8 @@ A field has no default: tuned numbers live in config/*.yaml and nowhere else.
 
 import dataclasses
 import difflib
-import math
 import operator
+import sys
 from typing import Any, Callable, Dict, Mapping, Optional, Type, TypeVar
 
 import yaml
@@ -38,7 +38,7 @@ def number(
     wanted = '%s (%s)' % (wanted, unit)
 
     def check(value: Any, where: str) -> float:
-        usable = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        usable = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
         if not usable or not all(holds(value, limit) for limit, _, holds in given):
             raise SettingsError('%s = %r, expected %s' % (where, value, wanted))
         return float(value)
@@ -138,7 +138,7 @@ def read_yaml(path: str) -> Any:
             return yaml.safe_load(file)
     except OSError as error:
         raise SettingsError('%s cannot be read: %s' % (path, error.strerror)) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that does not exist, bytes that are not UTF-8
         mark = getattr(error, 'problem_mark', None)
         line = '' if mark is None else ' at line %d' % (mark.line + 1)
         raise SettingsError('%s does not parse as YAML%s' % (path, line)) from error

@@ -78,7 +78,7 @@ def draw(scene: Scene, calibration: Calibration, pose: RobotPose, seed: int = 0)
     picture = cv2.resize(picture, (calibration.width, calibration.height), interpolation=cv2.INTER_AREA)
     noise = np.empty(picture.shape, dtype=np.int16)
     cv2.setRNGSeed(seed)
-    cv2.randn(noise, 0, NOISE)
+    cv2.randn(noise, (0, 0, 0), (NOISE, NOISE, NOISE))
     noisy: Array = cv2.add(picture, noise, dtype=cv2.CV_8U)
     return noisy
 

@@ -40,24 +40,25 @@ def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
     Whatever is missing, stale or unclear ends in v_ref = 0 with the reason.
     Source: report, figure "Logic of one of the First Stages in Commissioning".
     """
+    held = _within(memory.avoided, now, settings.avoid_hold)
+    standing = memory if held is None else replace(memory, avoided=Stamped(now, held))  # what is beside us stays there
     fault = _why_blind(inputs, now, settings)
     if fault is not None or inputs.obstacles is None or inputs.lane_pose is None:
-        return Decision(State.FAULT, 0.0, 0.0, 'stopping: %s' % fault), memory
+        return Decision(State.FAULT, 0.0, 0.0, 'stopping: %s' % fault), standing
     counted = sorted(
         (obstacle for obstacle in inputs.obstacles.value if in_region(obstacle, settings)),
         key=lambda obstacle: math.hypot(obstacle.x, obstacle.y),
     )
     decision = _react(counted, inputs.lane_pose.value, settings) if counted else None
-    held = _within(memory.avoided, now, settings.avoid_hold)
-    if decision is not None and held is not None and decision.d_ref * held.d_ref < 0:
-        decision = _stop(counted, 'it stands opposite to one that is being passed')
+    if decision is not None and held is not None and _contradicts(decision, held, settings):
+        decision = _stop(counted, 'while another one is being passed')
     if decision is not None and decision.state is State.STOPPED:
-        return decision, replace(memory, stopped=Stamped(now, decision))
+        return decision, replace(standing, stopped=Stamped(now, decision))
     stopped = _within(memory.stopped, now, settings.stop_hold)
     if stopped is not None and memory.stopped is not None:
         since = age(memory.stopped.stamp, now)
         reason = 'waiting: nothing has blocked the lane for %.1f s of %.1f s' % (since, settings.stop_hold)
-        return replace(stopped, reason=reason), memory
+        return replace(stopped, reason=reason), standing
     if decision is not None:
         return decision, replace(memory, avoided=Stamped(now, decision))
     if held is not None:
@@ -103,10 +104,22 @@ def _stop(counted: Sequence[Obstacle], why: str) -> Decision:
 def _why_blind(inputs: Inputs, now: int, settings: AvoidanceSettings) -> Optional[str]:
     doubts: List[Optional[str]] = [
         why_stopped(inputs.clock_stood, settings.clock_age_limit),
-        why_stale('the obstacle list', inputs.obstacles, now, settings.obstacles_age_limit, settings.future_limit),
-        why_stale('the lane pose', inputs.lane_pose, now, settings.lane_pose_age_limit, settings.future_limit),
+        why_stale('obstacle list', inputs.obstacles, now, settings.obstacles_age_limit, settings.future_limit),
+        why_stale('lane pose', inputs.lane_pose, now, settings.lane_pose_age_limit, settings.future_limit),
     ]
     return next((reason for reason in doubts if reason is not None), None)
+
+
+def _contradicts(decision: Decision, held: Decision, settings: AvoidanceSettings) -> bool:
+    """The obstacle that is passed now asks for the other side, or is not the one that was passed a moment ago.
+
+    While the robot drives, an obstacle only comes nearer; one that is clearly farther is a second one, and the first
+    may still stand beside the robot, out of sight.
+    """
+    if decision.obstacle is None or held.obstacle is None:
+        return False
+    another = decision.obstacle.x > held.obstacle.x + settings.same_obstacle
+    return another or decision.d_ref * held.d_ref < 0
 
 
 def _within(event: Optional[Stamped[Decision]], now: int, hold: float) -> Optional[Decision]:

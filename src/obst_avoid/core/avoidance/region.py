@@ -12,7 +12,7 @@ from obst_avoid.core.types import Array, Obstacle
 def footprint_centre(obstacle: Obstacle) -> Tuple[float, float]:
     """Middle of an obstacle's footprint, (x, y) in m: one radius behind its nearest point, on the same ray."""
     distance = math.hypot(obstacle.x, obstacle.y)
-    if distance == 0:
+    if distance < 1e-9:  # no direction: straight ahead
         return obstacle.radius, 0.0
     factor = 1 + obstacle.radius / distance
     return obstacle.x * factor, obstacle.y * factor

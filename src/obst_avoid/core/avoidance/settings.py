@@ -19,6 +19,7 @@ class AvoidanceSettings:
     avoid_speed: float = number('m/s', above=0)
     stop_hold: float = number('s', at_least=0)
     avoid_hold: float = number('s', at_least=0)
+    same_obstacle: float = number('m', above=0)
     obstacles_age_limit: float = number('s', above=0)
     lane_pose_age_limit: float = number('s', above=0)
     clock_age_limit: float = number('s', above=0)
