@@ -12,7 +12,7 @@ import rosbag
 
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
-from obst_avoid.core.avoidance.settings import AvoidanceSettings
+from obst_avoid.core.avoidance.settings import STAGES, AvoidanceSettings
 from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import load
@@ -31,7 +31,7 @@ def main(arguments: Any = None) -> int:
     )
     tool.add_calibration_arguments(parser)
     parser.add_argument('bag', metavar='BAG')
-    parser.add_argument('--stage', default='', help='of commissioning, instead of the one that the settings name')
+    parser.add_argument('--stage', choices=STAGES, help='of commissioning, instead of the one that the settings name')
     parser.add_argument(
         '--robot', metavar='NAME', default='', help='whose topics are read, if the bag has several robots'
     )

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from obst_avoid.core.age import NANOSECONDS
 from obst_avoid.core.calibration import Calibration, CalibrationError, find_calibration, load_calibration
-from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.detection.settings import PROFILES, DetectionSettings
 from obst_avoid.core.settings import SettingsError, load, read_yaml
 
 T = TypeVar('T')
@@ -46,9 +46,7 @@ def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--vehicle', metavar='NAME', default='', help='robot whose calibration is used')
     parser.add_argument('--config', metavar='DIR', default='', help="folder of settings (default: the package's own)")
-    parser.add_argument(
-        '--profile', metavar='P', default='', help='detector, instead of the one that the settings name'
-    )
+    parser.add_argument('--profile', choices=PROFILES, help='detector, instead of the one that the settings name')
 
 
 def calibration_of(options: argparse.Namespace) -> Calibration:

@@ -111,12 +111,17 @@ def _words(obstacle: Obstacle) -> str:
 
 
 def _picture_box(obstacle: Obstacle, view: BirdView) -> Optional[Box]:
-    """The obstacle's own box, or what its bird view box covers in the picture when only that is known."""
+    """The obstacle's own box, or what its bird view box says of it in the picture when only that is known.
+
+    An upright thing's sides are columns of the picture and rays of the bird view. Its box there touches each ray at
+    one end only; at the other end the box is wider than the thing. So of a side's two corners the inner one counts.
+    """
     if obstacle.image_box is not None or obstacle.bird_box is None:
         return obstacle.image_box
     box = obstacle.bird_box
     corners = np.array([[u, v] for u in (box.left, box.right - 1) for v in (box.top, box.bottom - 1)])
-    points = image_from_bird(view, corners)
-    limit = (view.calibration.width, view.calibration.height)
-    (left, top), (right, bottom) = np.clip(points.min(axis=0), 0, limit), np.clip(points.max(axis=0), 0, limit)
-    return Box(float(left), float(top), float(right), float(bottom))
+    points = np.clip(image_from_bird(view, corners), 0, (view.calibration.width, view.calibration.height))
+    left, right = points[:2, 0].max(), points[2:, 0].min()
+    if left >= right:  # paint, not a thing: take all of it
+        left, right = points[:, 0].min(), points[:, 0].max()
+    return Box(float(left), float(points[:, 1].min()), float(right), float(points[:, 1].max()))

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 from obst_avoid.core.settings import choice, number
 
+STAGES = ('stop_only', 'avoid_single')
+
 
 @dataclass(frozen=True)
 class AvoidanceSettings:
     """config/obstacle_avoidance_node.yaml has values, units and reasons."""
 
-    stage: str = choice('stop_only', 'avoid_single')
+    stage: str = choice(*STAGES)
     box_length: float = number('m', above=0)
     box_width: float = number('m', above=0)
     lane_width: float = number('m', above=0)
