@@ -17,6 +17,8 @@ from obst_avoid.core.settings import SettingsError, load
 from obst_avoid.ros.border import nanoseconds
 from obst_avoid.ros.messages import MessagesError
 
+_broken = threading.Event()
+
 S = TypeVar('S')
 T = TypeVar('T')
 
@@ -35,11 +37,8 @@ def run(name: str, start: Callable[[], Any]) -> None:
         sys.exit(1)
     rospy.spin()
     del node
-    if _broken:
+    if _broken.is_set():
         sys.exit(1)
-
-
-_broken = threading.Event()
 
 
 def private_settings(settings: Type[S]) -> S:
