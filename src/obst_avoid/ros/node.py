@@ -64,15 +64,20 @@ def in_background(function: Callable[[], None]) -> None:
     """
 
     def loop() -> None:
-        try:
-            while not rospy.is_shutdown():
-                function()
-        except Exception:  # the last line of defence; it ends the node
-            rospy.logfatal('%s: ending after an unexpected error:\n%s', rospy.get_name(), traceback.format_exc())
-            _broken.set()
-            rospy.signal_shutdown('unexpected error')
+        while not rospy.is_shutdown():
+            function()
 
-    threading.Thread(target=loop, daemon=True).start()
+    _guarded(loop)
+
+
+def once(function: Callable[[], None]) -> None:
+    """Run function in a thread, then end the node. A NodeError is said in one sentence."""
+
+    def run_and_end() -> None:
+        function()
+        rospy.signal_shutdown('done')
+
+    _guarded(run_and_end)
 
 
 def every(period: float, function: Callable[[], None]) -> None:
@@ -83,6 +88,24 @@ def every(period: float, function: Callable[[], None]) -> None:
         function()
 
     in_background(step)
+
+
+def _guarded(function: Callable[[], None]) -> None:
+    def target() -> None:
+        try:
+            function()
+        except NodeError as error:
+            _end('%s' % error)
+        except Exception:  # the last line of defence; it ends the node
+            _end('ending after an unexpected error:\n%s' % traceback.format_exc())
+
+    threading.Thread(target=target, daemon=True).start()
+
+
+def _end(why: str) -> None:
+    rospy.logfatal('%s: %s', rospy.get_name(), why)
+    _broken.set()
+    rospy.signal_shutdown('broken')
 
 
 class Newest(Generic[T]):

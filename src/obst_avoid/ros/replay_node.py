@@ -147,17 +147,12 @@ class ReplayNode:
         rospy.Subscriber('~lane_control', LaneControl, self._answers.on_lane_control, queue_size=100)
         if settings.output:
             rospy.Subscriber('~annotated/compressed', CompressedImage, self._answers.on_annotated, queue_size=100)
-        threading.Thread(target=self._run, daemon=True).start()
+        node.once(self._run)
 
     def _run(self) -> None:
-        try:
-            self._wait_for_subscribers()
-            self._play()
-            self._report()
-        except node.NodeError as error:
-            rospy.logfatal('%s: %s', rospy.get_name(), error)
-        finally:
-            rospy.signal_shutdown('the recording is over')
+        self._wait_for_subscribers()
+        self._play()
+        self._report()
 
     def _wait_for_subscribers(self) -> None:
         wanted = [self._recording.picture_role, LANE_POSE]
