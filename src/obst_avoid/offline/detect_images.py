@@ -32,7 +32,7 @@ def main(arguments: Any = None) -> int:
 
 def _main(options: argparse.Namespace) -> int:
     files = tool.picture_files(options.paths)
-    names = _names(files)
+    names = tool.short_names(files)
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
     if options.annotated:
         os.makedirs(options.annotated, exist_ok=True)
@@ -59,7 +59,8 @@ def _main(options: argparse.Namespace) -> int:
             }
         )
         if options.annotated:
-            target = os.path.join(options.annotated, os.path.splitext(names[path])[0] + '.jpg')
+            name = names[path] if names[path].lower().endswith('.jpg') else names[path] + '.jpg'
+            target = os.path.join(options.annotated, name)
             os.makedirs(os.path.dirname(target), exist_ok=True)
             cv2.imwrite(target, draw_on_picture(picture, obstacles, detector.view))
     with open(options.output, 'w', encoding='utf-8') as file:
@@ -84,12 +85,3 @@ def json_from_obstacle(obstacle: Obstacle) -> Dict[str, Any]:
         'in_lane': obstacle.in_lane,
         'confidence': round(obstacle.confidence, 4),
     }
-
-
-def _names(files: List[str]) -> Dict[str, str]:
-    """Short names: the file's own, and as much of its path as tells it from the others."""
-    plain = [os.path.basename(path) for path in files]
-    if len(set(plain)) == len(plain):
-        return dict(zip(files, plain))
-    root = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in files])
-    return {path: os.path.relpath(os.path.abspath(path), root) for path in files}

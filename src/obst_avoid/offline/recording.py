@@ -52,7 +52,8 @@ def open_bag(path: str, vehicle: str = '', topic: str = '') -> Recording:
     Raises ToolError in one sentence when it cannot be read or has no pictures.
     """
     if not os.path.isfile(path):
-        raise ToolError('%s does not exist, expected a bag' % path)
+        found = 'is a folder' if os.path.isdir(path) else 'does not exist'
+        raise ToolError('%s %s, expected a bag' % (path, found))
     try:
         with rosbag.Bag(path) as bag:
             info = bag.get_type_and_topic_info().topics

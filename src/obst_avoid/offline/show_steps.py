@@ -29,6 +29,7 @@ def main(arguments: Any = None) -> int:
 
 def _main(options: argparse.Namespace) -> int:
     files = tool.picture_files(options.paths)
+    names = tool.short_names(files)
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
     broken = 0
     for path in tool.progress(files, 'drawing'):
@@ -41,7 +42,7 @@ def _main(options: argparse.Namespace) -> int:
             broken += 1
             continue
         panels = paper_steps(picture, stages, seen.view)
-        folder = os.path.join(options.output, os.path.splitext(os.path.basename(path))[0])
+        folder = os.path.join(options.output, os.path.splitext(names[path])[0])
         os.makedirs(folder, exist_ok=True)
         for name, panel in panels:
             cv2.imwrite(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)

@@ -105,6 +105,15 @@ def picture_files(paths: Sequence[str]) -> List[str]:
     return files
 
 
+def short_names(files: List[str]) -> Dict[str, str]:
+    """Short names: the file's own, and as much of its path as tells it from the others."""
+    plain = [os.path.basename(path) for path in files]
+    if len(set(plain)) == len(plain):
+        return dict(zip(files, plain))
+    root = os.path.commonpath([os.path.dirname(os.path.abspath(path)) for path in files])
+    return {path: os.path.relpath(os.path.abspath(path), root) for path in files}
+
+
 def progress(items: Iterable[T], words: str, total: Any = None) -> Iterable[T]:
     """Show a progress bar on a terminal."""
     bar: Iterable[T] = tqdm(items, desc=words, total=total, disable=None, leave=False)

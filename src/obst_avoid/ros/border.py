@@ -146,9 +146,13 @@ def picture_from_image(msg: Image) -> Array:
         dtype, channels = _BRIDGE.encoding_to_dtype_with_channels(msg.encoding)
         if channels == 1 and not msg.encoding.startswith('bayer'):
             raise PictureError('the picture has encoding %s, expected colour' % msg.encoding)
-        row = max(msg.step, msg.width * channels * np.dtype(dtype).itemsize)
-        if len(msg.data) < row * msg.height:
-            raise PictureError('the picture has %d bytes, expected %d rows of %d' % (len(msg.data), msg.height, row))
+        row = msg.width * channels * np.dtype(dtype).itemsize
+        step = max(msg.step, row)
+        if len(msg.data) < step * msg.height:
+            raise PictureError('the picture has %d bytes, expected %d rows of %d' % (len(msg.data), msg.height, step))
+        if step > row:  # cv_bridge up to 1.16 takes the padding for pixels
+            rows = np.frombuffer(msg.data, dtype=np.uint8)[: step * msg.height].reshape(msg.height, step)
+            msg = Image(msg.header, msg.height, msg.width, msg.encoding, msg.is_bigendian, row, rows[:, :row].tobytes())
         picture = np.ascontiguousarray(_BRIDGE.imgmsg_to_cv2(msg, 'bgr8'))
     except (CvBridgeError, RuntimeError, TypeError) as error:
         raise PictureError(

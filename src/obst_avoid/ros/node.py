@@ -1,5 +1,6 @@
 """What all nodes share: start with checked parameters, threads that never die in silence, a watch on the clock."""
 
+import os
 import sys
 import threading
 import time
@@ -46,10 +47,15 @@ def private_settings(settings: Type[S]) -> S:
     return load(settings, rospy.get_param('~', {}), rospy.get_name())
 
 
+def path_of_user(path: str) -> str:
+    """A path as the user meant it: roslaunch starts nodes in ~/.ros, but PWD still names where it was called."""
+    return os.path.join(os.environ.get('PWD', ''), path) if path else ''
+
+
 def calibration_of(veh: str, calibration_dir: str, allow_default: bool) -> Calibration:
     """The robot's calibration by Duckietown's search order; logs which one, and what looks odd in it."""
     own = rospkg.RosPack().get_path('obst_avoid') + '/config/calibrations'
-    calibration = find_calibration(veh, calibration_dir, own if allow_default else None)
+    calibration = find_calibration(veh, path_of_user(calibration_dir), own if allow_default else None)
     rospy.loginfo('%s: calibration from %s', rospy.get_name(), calibration.source)
     for warning in calibration.warnings:
         rospy.logwarn('%s: %s', rospy.get_name(), warning)

@@ -129,7 +129,7 @@ class ReplayNode:
 
     def __init__(self) -> None:
         settings = node.private_settings(ReplaySettings)
-        self._output = settings.output
+        self._output = node.path_of_user(settings.output)
         self._recording = _open(settings)
         self._lane_pose_class = find_messages(settings.msgs_package).LanePose
         self._answers = Answers(border.footprint_frame(settings.veh))
@@ -238,7 +238,10 @@ def _open(settings: ReplaySettings) -> Recording:
     if bool(settings.bag) == bool(settings.images):
         raise node.NodeError('bag = %r and images = %r, expected one of them' % (settings.bag, settings.images))
     try:
-        recording = open_bag(settings.bag) if settings.bag else open_folder(settings.images, settings.picture_rate)
+        if settings.bag:
+            recording = open_bag(node.path_of_user(settings.bag))
+        else:
+            recording = open_folder(node.path_of_user(settings.images), settings.picture_rate)
     except ToolError as error:
         raise node.NodeError(str(error)) from error
     wanted = 'compressed' if recording.picture_role == JPEG else 'raw'

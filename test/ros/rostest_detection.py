@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""The drawn drive through the detector: what is on the wire is compared with what was drawn."""
+
+import math
+import sys
+from typing import List, Tuple
+
+import rosbag
+import rospy
+import rostest
+from geometry_msgs.msg import Pose, PoseArray
+from helpers import ANSWER, START, Inbox, Prepared, nanoseconds, run_program
+
+from obst_avoid.offline import drawn_bag
+from obst_avoid.sim.drawn import Thing, robot_from_world
+
+PICTURES = '/drawn/camera_node/image/compressed'
+FEWEST = 70
+"""Of 210 pictures. The detector takes the newest and drops the others, on a busy machine many."""
+RATES = (1.0, 0.4)
+"""Of the player: when too few were answered it plays again, slower."""
+SETTLED = 0.5
+"""[s] into the drive, after which the tracker has confirmed what it sees."""
+EMPTY = 6.6
+"""[s] into the drive, when the last duckie has dropped out of the picture."""
+RANGE = 1.0
+"""[m] within which the duckie must be found: farther away a 5 cm duckie is a few pixels."""
+
+
+def seconds_of(msg: PoseArray) -> float:
+    """Into the drive; its first picture is stamped 1 s."""
+    return nanoseconds(msg) / 1e9 - 1.0
+
+
+def true_place(thing: Thing, seconds: float) -> Tuple[float, float]:
+    """(x, y) [m] of the point of a thing's footprint that is nearest the robot."""
+    _, pose = drawn_bag.at(seconds)
+    x, y = robot_from_world(thing.x, thing.y, pose)
+    near = 1 - thing.radius / math.hypot(x, y)
+    return x * near, y * near
+
+
+class Detection(Prepared):
+    stamps: List[int]
+    lists: List[PoseArray]
+
+    @classmethod
+    def prepare(cls) -> None:
+        bag = rospy.get_param('~bag')
+        with rosbag.Bag(bag) as content:
+            cls.stamps = [nanoseconds(msg) for _, msg, _ in content.read_messages(topics=[PICTURES])]
+        inbox = Inbox('/drawn/obstacle_detection_node/posearray', PoseArray).connected()
+        for rate in RATES:
+            before = len(inbox.all())
+            options = ['-q', '--clock', '--wait-for-subscribers', '-d', '1', '-r', str(rate), '--topics', PICTURES]
+            played = run_program(['rosrun', 'rosbag', 'play', *options, '--bags=' + bag], START + 30)
+            assert played.code == 0, played.output
+            # Not the very last picture: the player may be gone before it is delivered.
+            inbox.wait(lambda msg: seconds_of(msg) > EMPTY, 'an answer to the last pictures', ANSWER, since=before)
+            cls.lists = inbox.all()[before:]
+            if len(cls.lists) >= FEWEST:
+                break
+
+    def test_enough_pictures_are_answered(self) -> None:
+        self.assertGreaterEqual(len(self.lists), FEWEST)
+
+    def test_each_stamp_is_exactly_a_pictures_stamp_and_comes_once(self) -> None:
+        stamps = [nanoseconds(msg) for msg in self.lists]
+        self.assertEqual([stamp for stamp in stamps if stamp not in self.stamps], [])
+        self.assertEqual(len(set(stamps)), len(stamps))
+        self.assertEqual(sorted(stamps), stamps)
+
+    def test_the_frame_is_the_robots(self) -> None:
+        self.assertEqual({msg.header.frame_id for msg in self.lists}, {'drawn/footprint'})
+
+    def test_an_empty_list_is_published_when_nothing_is_there(self) -> None:
+        self.assertEqual([msg.poses for msg in self.lists if seconds_of(msg) > EMPTY and msg.poses], [])
+
+    def test_the_blocking_duckie_is_in_the_lane_and_where_it_was_drawn(self) -> None:
+        seen = 0
+        for msg in self.lists:
+            seconds = seconds_of(msg)
+            x, y = true_place(drawn_bag.BLOCKING, seconds)
+            if not SETTLED < seconds < drawn_bag.DUCKIE_GONE - SETTLED or x > RANGE:
+                continue
+            near = [pose.position for pose in msg.poses if abs(pose.position.y) < 0.07]
+            if len(near) != 1:  # a flicker, or dropped pictures made the tracker start anew
+                continue
+            seen += 1
+            self.assertAlmostEqual(near[0].x, x, delta=0.05, msg='%.2f s into the drive' % seconds)
+            self.assertAlmostEqual(near[0].y, y, delta=0.03, msg='%.2f s into the drive' % seconds)
+            self.assertGreater(near[0].z, 0, '%.2f s into the drive' % seconds)
+            self.assertAlmostEqual(near[0].z, drawn_bag.BLOCKING.radius, delta=0.02)
+        self.assertGreaterEqual(seen, 10)
+
+    def test_the_duckie_that_went_away_is_not_seen_any_more(self) -> None:
+        for msg in self.lists:
+            if drawn_bag.DUCKIE_GONE + 0.1 < seconds_of(msg) < drawn_bag.DRIVES_ON:
+                self.assertEqual([pose for pose in msg.poses if abs(pose.position.y) < 0.07], [])
+
+    def test_the_cone_beyond_the_white_line_is_outside(self) -> None:
+        outside = 0
+        for msg in self.lists:
+            if SETTLED < seconds_of(msg) < drawn_bag.DRIVES_ON:
+                beyond = [pose.position for pose in msg.poses if pose.position.y < -0.2]
+                outside += len(beyond)
+                self.assertEqual([place for place in beyond if place.z >= 0], [])
+        self.assertGreaterEqual(outside, 10)
+
+    def test_each_box_lies_inside_the_bird_view(self) -> None:
+        poses: List[Pose] = [pose for msg in self.lists for pose in msg.poses]
+        self.assertGreaterEqual(len(poses), FEWEST)
+        for pose in poses:
+            top, bottom, left, right = pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w
+            self.assertTrue(0 <= left < right <= 640, (left, right))
+            self.assertTrue(0 <= top < bottom <= 640, (top, bottom))
+
+    def test_the_box_of_something_nearer_reaches_lower(self) -> None:
+        # Up in the bird view is far away, left is left: a box with its corners mixed up would not follow the place.
+        near_far = sorted((pose for msg in self.lists for pose in msg.poses), key=lambda pose: pose.position.x)
+        near, far = near_far[0], near_far[-1]
+        self.assertGreater(far.position.x, near.position.x + 0.2)
+        self.assertGreater(near.orientation.y, far.orientation.y)
+        left_right = sorted((pose for msg in self.lists for pose in msg.poses), key=lambda pose: pose.position.y)
+        self.assertLess(left_right[-1].orientation.z, left_right[0].orientation.z)
+
+
+if __name__ == '__main__':
+    rospy.init_node('detection')
+    rostest.rosrun('obst_avoid', 'detection', Detection, sys.argv)

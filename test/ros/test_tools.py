@@ -1,0 +1,587 @@
+"""The command-line tools: what they write, their exit codes, and one sentence instead of a traceback."""
+
+from __future__ import annotations  # the robot's pytest does not export its fixtures' types
+
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Tuple
+
+import cv2
+import numpy as np
+import pytest
+import rosbag
+from helpers import DUCKIE, REPOSITORY, SCENE, default_calibration, jpeg_of, nanoseconds, picture_of, run_program
+from sensor_msgs.msg import Image
+
+from obst_avoid import msg as messages
+from obst_avoid.core import detection
+from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.picture import decode_jpeg
+from obst_avoid.core.types import Kind, LanePose, Stamped
+from obst_avoid.offline import (
+    bag_to_images,
+    bench,
+    demo,
+    detect_images,
+    drawn_bag,
+    images_to_bag,
+    recording,
+    run_bag,
+    show_steps,
+)
+from obst_avoid.sim.drawn import Scene, Thing
+
+DEFAULT = ['--calibration', str(REPOSITORY / 'config' / 'calibrations'), '--vehicle', 'default']
+TOOLS = {
+    'bag_to_images': bag_to_images,
+    'bench': bench,
+    'demo': demo,
+    'detect_images': detect_images,
+    'drawn_bag': drawn_bag,
+    'images_to_bag': images_to_bag,
+    'run_bag': run_bag,
+    'show_steps': show_steps,
+}
+CONE = SCENE.things[1]
+PICTURES = 210
+"""In the drawn bag."""
+CHECKED = 60
+"""Pictures of the drawn bag, up to where the robot has stopped."""
+
+
+@pytest.fixture(scope='module')
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a duckie and a cone, an empty road, and the duckie alone."""
+    folder = tmp_path_factory.mktemp('pictures')
+    (folder / 'a.jpg').write_bytes(jpeg_of())
+    (folder / 'b.jpg').write_bytes(jpeg_of(Scene()))
+    (folder / 'c.jpg').write_bytes(jpeg_of(Scene((DUCKIE,)), seed=1))
+    (folder / 'notes.txt').write_text('not a picture')
+    return folder
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The drawn drive: the one that the build has made, or a new one."""
+    for prefix in os.environ.get('CMAKE_PREFIX_PATH', '').split(':'):
+        made = Path(prefix).parent / 'test_data' / 'drawn.bag'
+        if prefix and made.exists():
+            return str(made)
+    path = str(tmp_path_factory.mktemp('bag') / 'drawn.bag')
+    drawn_bag.write(path)
+    return path
+
+
+@pytest.fixture
+def sentence(capsys: pytest.CaptureFixture) -> Callable[[str], str]:
+    """Of a tool that failed: the one line on stderr, beginning with the tool's name."""
+
+    def read(tool: str) -> str:
+        lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+        assert len(lines) == 1, lines
+        assert lines[0].startswith(tool + ': ')
+        return lines[0]
+
+    return read
+
+
+def detected(paths: List[Any], folder: Path, *options: str) -> Dict[str, Any]:
+    """What detect_images writes, by file name."""
+    output = folder / 'det.json'
+    assert detect_images.main([*DEFAULT, '--output', str(output), *options, *map(str, paths)]) == 0
+    content = json.loads(output.read_text())
+    assert set(content) == {'images'}
+    return {image['file_name']: image for image in content['images']}
+
+
+def box_of(thing: Thing) -> Tuple[int, int, int, int]:
+    """left, top, right, bottom of where a thing of SCENE changes the picture."""
+    others = tuple(other for other in SCENE.things if other is not thing)
+    change = np.abs(picture_of().astype(int) - picture_of(Scene(others))).max(axis=2) > 40
+    rows, columns = np.flatnonzero(change.any(axis=1)), np.flatnonzero(change.any(axis=0))
+    return columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
+
+
+def overlap(first: Any, second: Any) -> float:
+    """Intersection over union of two boxes."""
+    (left, top), (right, bottom) = np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])
+    both = max(0, right - left) * max(0, bottom - top)
+    areas = sum((box[2] - box[0]) * (box[3] - box[1]) for box in (first, second))
+    return float(both / (areas - both))
+
+
+class TestDetectImages:
+    def test_the_file_is_as_the_contract_says(self, pictures: Path, tmp_path: Path) -> None:
+        images = detected([pictures], tmp_path)
+        assert list(images) == ['a.jpg', 'b.jpg', 'c.jpg']
+        for image in images.values():
+            assert list(image) == ['file_name', 'width', 'height', 'milliseconds', 'obstacles']
+            assert (image['width'], image['height']) == (640, 480)
+            assert 0 < image['milliseconds'] < 60_000
+        assert images['b.jpg']['obstacles'] == []
+        seen = [obstacle for image in images.values() for obstacle in image['obstacles']]
+        assert len(seen) >= 3
+        for obstacle in seen:
+            assert set(obstacle) == {'kind', 'bbox', 'x', 'y', 'radius', 'in_lane', 'confidence'}
+            assert obstacle['kind'] in ('duckie', 'cone')
+            assert obstacle['in_lane'] in (True, False, None)
+            assert all(isinstance(obstacle[key], float) for key in ('x', 'y', 'radius', 'confidence'))
+            assert 0 <= obstacle['confidence'] <= 1
+            assert obstacle['radius'] > 0
+            left, top, width, height = obstacle['bbox']
+            assert width > 0
+            assert height > 0
+            assert 0 <= left
+            assert left + width <= 640
+            assert 0 <= top
+            assert top + height <= 480
+
+    def test_boxes_lie_around_what_was_drawn(self, pictures: Path, tmp_path: Path) -> None:
+        seen = detected([pictures / 'a.jpg'], tmp_path)['a.jpg']['obstacles']
+        assert sorted(obstacle['kind'] for obstacle in seen) == ['cone', 'duckie']
+        for obstacle in seen:
+            left, top, width, height = obstacle['bbox']
+            wanted = box_of(DUCKIE if obstacle['kind'] == 'duckie' else CONE)
+            assert overlap((left, top, left + width, top + height), wanted) > 0.5
+
+    def test_places_and_sides(self, pictures: Path, tmp_path: Path) -> None:
+        seen = {item['kind']: item for item in detected([pictures / 'a.jpg'], tmp_path)['a.jpg']['obstacles']}
+        duckie, cone = seen['duckie'], seen['cone']
+        assert duckie['x'] == pytest.approx(DUCKIE.x - DUCKIE.radius, abs=0.05)
+        assert duckie['y'] == pytest.approx(0, abs=0.03)
+        assert duckie['in_lane'] is True
+        assert cone['y'] < -0.15
+        assert cone['in_lane'] is False
+
+    def test_pictures_are_independent_of_each_other(self, pictures: Path, tmp_path: Path) -> None:
+        names = ['a.jpg', 'b.jpg', 'c.jpg']
+        orders = [names, names[::-1], ['c.jpg']]
+        found: Dict[str, List[Any]] = {}
+        for order in orders:
+            for name, image in detected([pictures / name for name in order], tmp_path).items():
+                found.setdefault(name, []).append(image['obstacles'])
+        for name in names:
+            assert len(found[name]) >= 2
+            assert all(obstacles == found[name][0] for obstacles in found[name])
+
+    def test_a_sequence_uses_the_tracker(self, tmp_path: Path) -> None:
+        jpeg = jpeg_of()
+        paths = [tmp_path / ('%d.jpg' % index) for index in range(4)]
+        for path in paths:
+            path.write_bytes(jpeg)
+
+        def duckies(*options: str) -> List[int]:
+            images = detected(paths, tmp_path, *options)
+            return [sum(o['kind'] == 'duckie' for o in images[path.name]['obstacles']) for path in paths]
+
+        assert duckies() == [1, 1, 1, 1]
+        assert duckies('--sequence')[0] == 0
+        assert duckies('--sequence')[-1] == 1
+        assert duckies('--sequence', '--rate', '1') == [0, 0, 0, 0], 'pictures a second apart are not consecutive'
+
+    def test_a_broken_picture_is_named_and_the_others_are_not_lost(
+        self, pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+    ) -> None:
+        broken, output = tmp_path / 'broken.jpg', tmp_path / 'det.json'
+        broken.write_bytes(jpeg_of()[:5000])
+        paths = [str(pictures / 'a.jpg'), str(broken), str(pictures / 'b.jpg')]
+        assert detect_images.main([*DEFAULT, '--output', str(output), *paths]) == 1
+        names = [image['file_name'] for image in json.loads(output.read_text())['images']]
+        assert names == ['a.jpg', 'b.jpg']
+        lines = capsys.readouterr().err.splitlines()
+        assert [line for line in lines if str(broken) in line and 'end marker' in line]
+        assert not [line for line in lines if 'Traceback' in line]
+
+    def test_other_pictures(self, tmp_path: Path) -> None:
+        cv2.imwrite(str(tmp_path / 'p.png'), picture_of())
+        small = cv2.resize(picture_of(), (320, 240), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(tmp_path / 's.JPG'), small)
+        images = detected([tmp_path], tmp_path)
+        assert [o['kind'] for o in images['p.png']['obstacles']].count('duckie') == 1
+        assert (images['s.JPG']['width'], images['s.JPG']['height']) == (320, 240)
+        for obstacle in images['s.JPG']['obstacles']:
+            assert obstacle['bbox'][0] + obstacle['bbox'][2] <= 320
+
+    def test_one_name_in_two_folders(self, tmp_path: Path) -> None:
+        for folder in ('day', 'night'):
+            (tmp_path / folder).mkdir()
+            (tmp_path / folder / '1.jpg').write_bytes(jpeg_of())
+        images = detected([tmp_path / 'day', tmp_path / 'night'], tmp_path, '--annotated', str(tmp_path / 'out'))
+        assert list(images) == ['day/1.jpg', 'night/1.jpg']
+        assert (tmp_path / 'out' / 'day' / '1.jpg').exists()
+        assert (tmp_path / 'out' / 'night' / '1.jpg').exists()
+
+    def test_annotated_pictures(self, pictures: Path, tmp_path: Path) -> None:
+        detected([pictures], tmp_path, '--annotated', str(tmp_path / 'boxes'))
+        assert sorted(os.listdir(tmp_path / 'boxes')) == ['a.jpg', 'b.jpg', 'c.jpg']
+        changes = {}
+        for name in ('a.jpg', 'b.jpg'):
+            drawn, plain = (cv2.imread(str(folder / name)).astype(int) for folder in (tmp_path / 'boxes', pictures))
+            assert drawn.shape == plain.shape
+            changes[name] = int((np.abs(drawn - plain).max(axis=2) > 100).sum())
+        assert changes['a.jpg'] > 100
+        assert changes['b.jpg'] == 0
+
+    def test_annotated_pictures_that_differ_in_their_ending_only(self, tmp_path: Path) -> None:
+        folder = tmp_path / 'pictures'
+        folder.mkdir()
+        (folder / '1.jpg').write_bytes(jpeg_of())
+        cv2.imwrite(str(folder / '1.png'), picture_of(Scene()))
+        detected([folder], tmp_path, '--annotated', str(tmp_path / 'boxes'))
+        assert len(os.listdir(tmp_path / 'boxes')) == 2
+
+    @pytest.mark.parametrize(
+        'arguments',
+        [[], ['a.jpg'], ['--output', 'o.json'], ['--output', 'o.json', '--profile', 'magic', 'a.jpg'], ['--what']],
+    )
+    def test_wrong_use(self, arguments: List[str], capsys: pytest.CaptureFixture) -> None:
+        with pytest.raises(SystemExit) as ended:
+            detect_images.main(arguments)
+        assert ended.value.code == 2
+        assert 'usage: detect_images' in capsys.readouterr().err
+
+    @pytest.mark.parametrize(
+        ('options', 'words'),
+        [
+            ([DEFAULT[0], DEFAULT[1], '--vehicle', 'nobody'], 'no calibration of nobody'),
+            ([DEFAULT[0], DEFAULT[1]], '--vehicle is missing'),
+            (['--calibration', '/no/such', '--vehicle', 'x'], '/no/such'),
+            ([*DEFAULT, '--config', '/no/such'], '/no/such'),
+            ([*DEFAULT, '--output', '/no/such/det.json'], '/no/such/det.json'),
+        ],
+    )
+    def test_failures(
+        self, options: List[str], words: str, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]
+    ) -> None:
+        assert detect_images.main(['--output', str(tmp_path / 'o.json'), *options, str(pictures / 'b.jpg')]) == 1
+        assert words in sentence('detect_images')
+
+    def test_paths_without_pictures(self, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        common = [*DEFAULT, '--output', str(tmp_path / 'o.json')]
+        assert detect_images.main([*common, str(tmp_path)]) == 1
+        assert 'no picture in %s' % tmp_path in sentence('detect_images')
+        assert detect_images.main([*common, str(tmp_path / 'nothing.jpg')]) == 1
+        assert 'nothing.jpg does not exist' in sentence('detect_images')
+
+
+@pytest.mark.parametrize('name', sorted(TOOLS))
+def test_help(name: str, capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit) as ended:
+        TOOLS[name].main(['--help'])
+    assert ended.value.code == 0
+    assert 'usage: ' + name in capsys.readouterr().out
+
+
+def test_tools_are_installed(pictures: Path, tmp_path: Path) -> None:
+    output = tmp_path / 'det.json'
+    call = ['rosrun', 'obst_avoid', 'detect_images', *DEFAULT, '--output', str(output), str(pictures)]
+    ended = run_program(call, 60)
+    assert ended.code == 0, ended.output
+    assert len(json.loads(output.read_text())['images']) == 3
+    ended = run_program([*call[:3], '--calibration', DEFAULT[1], '--vehicle', 'nobody', *call[7:]], 60)
+    assert ended.code == 1
+    assert 'Traceback' not in ended.output
+    assert len(ended.output.strip().splitlines()) == 1
+
+
+def test_each_tool_has_a_script() -> None:
+    for name in TOOLS:
+        script = REPOSITORY / 'scripts' / name
+        assert os.access(str(script), os.X_OK)
+        assert 'obst_avoid.offline.%s import main' % name in script.read_text()
+
+
+class TestShowSteps:
+    def test_each_step_and_a_sheet(self, pictures: Path, tmp_path: Path) -> None:
+        assert show_steps.main([*DEFAULT, '--output', str(tmp_path), str(pictures / 'a.jpg')]) == 0
+        assert os.listdir(tmp_path) == ['a']
+        names = sorted(os.listdir(tmp_path / 'a'))
+        assert len(names) == 13
+        assert 'contact_sheet.png' in names
+        assert {name.split('_')[0] for name in names if name != 'contact_sheet.png'} == {str(i) for i in range(1, 13)}
+        for name in names:
+            picture = cv2.imread(str(tmp_path / 'a' / name))
+            assert picture is not None
+            assert picture.max() > picture.min()
+
+    def test_one_name_in_two_folders(self, tmp_path: Path) -> None:
+        paths = []
+        for folder, scene in (('day', SCENE), ('night', Scene())):
+            (tmp_path / folder).mkdir()
+            paths.append(tmp_path / folder / '1.jpg')
+            paths[-1].write_bytes(jpeg_of(scene))
+        assert show_steps.main([*DEFAULT, '--output', str(tmp_path / 'out'), *map(str, paths)]) == 0
+        assert len(list((tmp_path / 'out').rglob('contact_sheet.png'))) == 2
+
+    def test_a_broken_picture(self, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        broken = tmp_path / 'broken.jpg'
+        broken.write_bytes(b'junk')
+        out = tmp_path / 'out'
+        assert show_steps.main([*DEFAULT, '--output', str(out), str(broken), str(pictures / 'b.jpg')]) == 1
+        assert str(broken) in sentence('show_steps')
+        assert (out / 'b' / 'contact_sheet.png').exists()
+
+
+class TestBagsAndImages:
+    def test_pictures_to_a_bag_and_back(self, pictures: Path, tmp_path: Path) -> None:
+        bag = tmp_path / 'made.bag'
+        call = ['--output', str(bag), '--vehicle', 'duck1', '--rate', '3', str(pictures)]
+        assert images_to_bag.main(call) == 0
+        with rosbag.Bag(str(bag)) as content:
+            found = [(topic, nanoseconds(msg), time.to_nsec(), msg) for topic, msg, time in content.read_messages()]
+        assert {topic for topic, _, _, _ in found} == {'/duck1/camera_node/image/compressed'}
+        assert [stamp for _, stamp, _, _ in found] == [1_000_000_000, 1_333_333_333, 1_666_666_667]
+        assert all(stamp == time for _, stamp, time, _ in found)
+        assert {msg.format for _, _, _, msg in found} == {'jpeg'}
+        assert bag_to_images.main([str(bag), '--output', str(tmp_path / 'back')]) == 0
+        names = sorted(os.listdir(tmp_path / 'back'))
+        assert names == ['1_000000000.jpg', '1_333333333.jpg', '1_666666667.jpg']
+        for name, original in zip(names, ('a.jpg', 'b.jpg', 'c.jpg')):
+            assert (tmp_path / 'back' / name).read_bytes() == (pictures / original).read_bytes()
+
+    def test_every_nth_picture_of_a_bag(self, bag: str, tmp_path: Path) -> None:
+        assert bag_to_images.main([bag, '--output', str(tmp_path), '--every', '100']) == 0
+        assert sorted(os.listdir(tmp_path)) == ['1_000000000.jpg', '4_333333333.jpg', '7_666666667.jpg']
+
+    def test_raw_pictures_of_a_bag(self, tmp_path: Path) -> None:
+        path, picture = str(tmp_path / 'raw.bag'), picture_of()
+        with rosbag.Bag(path, 'w') as content:
+            msg = Image(encoding='bgr8', width=640, height=480, step=1920, data=picture.tobytes())
+            msg.header.stamp.secs = 5
+            content.write('/duck1/camera_node/image', msg)
+        assert bag_to_images.main([path, '--output', str(tmp_path / 'out')]) == 0
+        back = cv2.imread(str(tmp_path / 'out' / '5_000000000.jpg'))
+        assert np.abs(back.astype(int) - picture).mean() < 4
+
+    @pytest.mark.parametrize('rate', ['0', '-1', 'nan'])
+    def test_rates_that_are_none(
+        self, rate: str, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]
+    ) -> None:
+        assert images_to_bag.main(['--output', str(tmp_path / 'x.bag'), '--rate', rate, str(pictures)]) == 1
+        assert '--rate = %s, expected a number > 0' % rate in sentence('images_to_bag')
+
+    def test_nothing_is_overwritten(self, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        path = tmp_path / 'there.bag'
+        path.write_text('precious')
+        assert images_to_bag.main(['--output', str(path), str(pictures)]) == 1
+        assert '%s exists' % path in sentence('images_to_bag')
+        assert path.read_text() == 'precious'
+
+    def test_a_picture_that_is_none(self, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        broken, bag = tmp_path / 'broken.jpg', str(tmp_path / 'made.bag')
+        broken.write_bytes(b'junk')
+        assert images_to_bag.main(['--output', bag, str(broken), str(pictures / 'a.jpg')]) == 1
+        assert str(broken) in sentence('images_to_bag')
+        assert recording.open_bag(bag).pictures == 1
+
+    def test_every_none(self, bag: str, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        assert bag_to_images.main([bag, '--output', str(tmp_path), '--every', '0']) == 1
+        assert '--every = 0, expected a whole number >= 1' in sentence('bag_to_images')
+
+
+class TestRunBag:
+    @pytest.fixture(scope='class')
+    def ran(self, bag: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+        """Folder with what run_bag wrote of the drawn drive."""
+        folder = tmp_path_factory.mktemp('ran')
+        call = [*DEFAULT, bag, '--output', str(folder / 'out.bag'), '--json', str(folder / 'summary.json')]
+        assert run_bag.main(call) == 0
+        return folder
+
+    def test_it_stops_and_is_released(self, ran: Path) -> None:
+        summary = json.loads((ran / 'summary.json').read_text())
+        assert (summary['pictures'], summary['pictures_answered'], summary['pictures_skipped']) == (
+            PICTURES,
+            PICTURES,
+            0,
+        )
+        assert summary['stops'] == 1
+        assert summary['releases'] == 1
+        assert summary['activations'] == 2
+        assert summary['faults'] == 0
+
+    def test_it_writes_what_the_nodes_would_publish(self, ran: Path) -> None:
+        with rosbag.Bag(str(ran / 'out.bag')) as content:
+            topics = {
+                name: (info.msg_type, info.message_count) for name, info in content.get_type_and_topic_info()[1].items()
+            }
+            stamps = {name: [nanoseconds(msg) for _, msg, _ in content.read_messages(topics=[name])] for name in topics}
+        prefix = '/drawn/obstacle_avoidance_node/'
+        flag_type = topics[prefix + 'obstacle_avoidance_active_flag'][0]
+        assert flag_type in ('obst_avoid/BoolStamped', 'duckietown_msgs/BoolStamped')
+        assert topics == {
+            '/drawn/obstacle_detection_node/posearray': ('geometry_msgs/PoseArray', PICTURES),
+            prefix + 'lane_control': ('obst_avoid/LaneControl', PICTURES),
+            prefix + 'obstacle_avoidance_active_flag': (flag_type, PICTURES),
+        }
+        wanted = [10**9 + round(index * 10**9 / 30) for index in range(PICTURES)]
+        assert all(found == wanted for found in stamps.values())
+
+    def test_it_decides_as_core_does(
+        self, ran: Path, bag: str, detection_settings: Any, avoidance_settings: Any
+    ) -> None:
+        detector = detection.start(default_calibration(), detection_settings)
+        memory, wanted = Memory(), []
+        with rosbag.Bag(bag) as content:
+            for topic, msg, time in content.read_messages():
+                if 'lane_pose' in topic:
+                    pose = Stamped(nanoseconds(msg), LanePose(msg.d, msg.phi, msg.curvature))
+                if 'compressed' in topic:
+                    stamp = nanoseconds(msg)
+                    seen, detector = detection.detect(detector, decode_jpeg(bytes(msg.data)), stamp)
+                    inputs = Inputs(Stamped(stamp, seen), pose)
+                    decision, memory = decide(inputs, memory, time.to_nsec(), avoidance_settings)
+                    wanted.append((decision.state.value, decision.d_ref, decision.v_ref, decision.reason))
+                    if len(wanted) == CHECKED:
+                        break
+        with rosbag.Bag(str(ran / 'out.bag')) as content:
+            found = [msg for _, msg, _ in content.read_messages(topics=['/drawn/obstacle_avoidance_node/lane_control'])]
+        assert {state for state, _, _, _ in wanted} == {0, 3}
+        for msg, (state, d_ref, v_ref, reason) in zip(found, wanted):
+            assert (msg.state, msg.reason) == (state, reason)
+            assert (msg.d_ref, msg.v_ref) == (pytest.approx(d_ref, abs=1e-6), pytest.approx(v_ref, abs=1e-6))
+
+    def test_the_stage_can_be_chosen(self, tmp_path: Path) -> None:
+        jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.42, -0.07, 0.03),)))
+        for index in range(8):
+            (tmp_path / ('%d.jpg' % index)).write_bytes(jpeg)
+        bag = str(tmp_path / 'beside.bag')
+        assert images_to_bag.main(['--output', bag, str(tmp_path)]) == 0
+        stops = {}
+        for stage in ('avoid_single', 'stop_only'):
+            out = tmp_path / (stage + '.json')
+            assert run_bag.main([*DEFAULT, bag, '--stage', stage, '--json', str(out)]) == 0
+            stops[stage] = json.loads(out.read_text())['stops']
+        assert stops == {'avoid_single': 0, 'stop_only': 1}
+
+    def test_a_bag_without_lane_pose_is_taken_and_said(
+        self, pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+    ) -> None:
+        bag = str(tmp_path / 'plain.bag')
+        assert images_to_bag.main(['--output', bag, str(pictures)]) == 0
+        assert run_bag.main([*DEFAULT, bag, '--json', str(tmp_path / 's.json')]) == 0
+        assert 'no lane pose: taking d = phi = 0' in capsys.readouterr().err
+        summary = json.loads((tmp_path / 's.json').read_text())
+        assert (summary['pictures_answered'], summary['faults']) == (3, 0)
+
+    def test_a_broken_picture_is_named_and_skipped(self, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+        bag = str(tmp_path / 'made.bag')
+        folder = tmp_path / 'pictures'
+        folder.mkdir()
+        for index in range(3):
+            (folder / ('%d.jpg' % index)).write_bytes(jpeg_of())
+        assert images_to_bag.main(['--output', bag, str(folder)]) == 0
+        spoilt = str(tmp_path / 'spoilt.bag')
+        with rosbag.Bag(bag) as old, rosbag.Bag(spoilt, 'w') as new:
+            for index, (topic, msg, time) in enumerate(old.read_messages()):
+                msg.data = msg.data[:2000] if index == 1 else msg.data
+                new.write(topic, msg, time)
+        assert run_bag.main([*DEFAULT, spoilt, '--json', str(tmp_path / 's.json')]) == 1
+        assert '1.033 s: the picture of 2000 bytes has no end marker' in capsys.readouterr().err
+        summary = json.loads((tmp_path / 's.json').read_text())
+        assert (summary['pictures'], summary['pictures_answered'], summary['pictures_skipped']) == (3, 2, 1)
+
+    def test_a_bag_of_two_robots(self, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        two = str(tmp_path / 'two.bag')
+        for name in ('duck1', 'duck2'):
+            made = str(tmp_path / (name + '.bag'))
+            assert images_to_bag.main(['--output', made, '--vehicle', name, str(pictures)]) == 0
+            with rosbag.Bag(made) as old, rosbag.Bag(two, 'w' if name == 'duck1' else 'a') as new:
+                for topic, msg, time in old.read_messages():
+                    new.write(topic, msg, time)
+        assert run_bag.main([*DEFAULT, two]) == 1
+        assert '/duck1/camera_node/image/compressed, /duck2/camera_node/image/compressed' in sentence('run_bag')
+        assert run_bag.main([*DEFAULT, two, '--robot', 'duck2', '--output', str(tmp_path / 'out.bag')]) == 0
+        with rosbag.Bag(str(tmp_path / 'out.bag')) as content:
+            assert all(name.startswith('/duck2/') for name in content.get_type_and_topic_info()[1])
+
+    def test_bags_that_are_none(self, bag: str, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        (tmp_path / 'text.bag').write_text('not a bag')
+        (tmp_path / 'empty.bag').write_bytes(b'')
+        (tmp_path / 'half.bag').write_bytes(Path(bag).read_bytes()[:1_000_000])
+        with rosbag.Bag(str(tmp_path / 'blind.bag'), 'w') as content:
+            content.write('/duck1/lane_filter_node/lane_pose', messages.LanePose())
+        for name, words in (
+            ('missing.bag', 'does not exist, expected a bag'),
+            ('text.bag', 'cannot be read as a bag'),
+            ('empty.bag', 'cannot be read as a bag'),
+            ('half.bag', 'cannot be read as a bag'),
+            ('blind.bag', 'has no pictures, expected a topic that ends in camera_node/image/compressed'),
+        ):
+            for module, tool in ((run_bag, 'run_bag'), (bag_to_images, 'bag_to_images')):
+                options = DEFAULT if tool == 'run_bag' else ['--output', str(tmp_path / 'out')]
+                assert module.main([*options, str(tmp_path / name)]) == 1
+                said = sentence(tool)
+                assert words in said
+                assert str(tmp_path / name) in said
+
+    def test_a_folder_is_not_called_missing(self, pictures: Path, sentence: Callable[[str], str]) -> None:
+        assert run_bag.main([*DEFAULT, str(pictures)]) == 1
+        assert 'does not exist' not in sentence('run_bag')
+
+    def test_nothing_is_overwritten(self, bag: str, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        path = tmp_path / 'there.bag'
+        path.write_text('precious')
+        assert run_bag.main([*DEFAULT, bag, '--output', str(path)]) == 1
+        assert '%s exists' % path in sentence('run_bag')
+        assert path.read_text() == 'precious'
+
+
+def test_a_folder_as_a_recording(pictures: Path, tmp_path: Path) -> None:
+    folder = tmp_path / 'pictures'
+    shutil.copytree(str(pictures), str(folder))
+    (folder / 'aa.png').write_bytes(b'\x89PNG\r\n\x1a\njunk')
+    opened = recording.open_folder(str(folder), 10.0)
+    assert (opened.pictures, opened.picture_role) == (4, recording.JPEG)
+    items = list(recording.messages(opened))
+    assert [item.time for item in items] == [1_000_000_000, 1_100_000_000, 1_200_000_000, 1_300_000_000]
+    assert [nanoseconds(item.msg) for item in items] == [item.time for item in items]
+    assert [os.path.basename(path) for path in opened.files] == ['a.jpg', 'aa.png', 'b.jpg', 'c.jpg']
+    assert bytes(items[0].msg.data) == (pictures / 'a.jpg').read_bytes()
+    assert bytes(items[1].msg.data) == b'', 'what is no picture is passed on as nothing'
+
+
+def test_the_demo_on_a_folder_of_pictures(tmp_path: Path) -> None:
+    # The whole graph, on a master of its own: replay.launch with images:=.
+    folder = tmp_path / 'pictures'
+    folder.mkdir()
+    jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.42, 0.0),)))
+    for index in range(12):
+        (folder / ('%02d.jpg' % index)).write_bytes(jpeg)
+    ended = run_program(
+        ['rosrun', 'obst_avoid', 'demo', '--output', str(tmp_path / 'out'), '--images', str(folder)], 120
+    )
+    assert ended.code == 0, ended.output
+    assert 'Traceback' not in ended.output
+    assert 'no lane pose' in ended.output
+    summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+    assert summary['pictures'] == 12
+    assert summary['pictures_answered'] >= 10
+    assert summary['stops'] == 1
+    assert cv2.imread(str(tmp_path / 'out' / 'contact_sheet.png')) is not None
+    assert 'stops' in ended.output
+
+
+def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    threads = cv2.getNumThreads()
+    output = tmp_path / 'new' / 'bench.json'
+    try:
+        assert bench.main(['--count', '3', '--output', str(output)]) == 0
+    finally:
+        cv2.setNumThreads(threads)
+    result = json.loads(output.read_text())
+    assert result['pictures'] == 3
+    assert '1' in result['threads']
+    for figures in result['threads'].values():
+        assert next(iter(figures)) == 'decode'
+        assert len(figures) >= 9
+        for values in figures.values():
+            assert 0 < values['median_ms'] <= values['p95_ms'] <= values['p99_ms']
+    assert 'x decoding' in capsys.readouterr().out
+
+
+def test_bench_of_nothing(sentence: Callable[[str], str]) -> None:
+    assert bench.main(['--count', '0']) == 1
+    assert '--count = 0, expected a whole number >= 1' in sentence('bench')

@@ -1,0 +1,101 @@
+"""core.detection: the one entrance, whatever the profile."""
+
+from dataclasses import replace
+from typing import Tuple
+
+import cv2
+import numpy as np
+import pytest
+
+from obst_avoid.core.calibration import Calibration, CalibrationError
+from obst_avoid.core.detection import Detector, detect, restarted, start
+from obst_avoid.core.detection.settings import DetectionSettings
+from unit.cameras import Camera, calibration_of
+from unit.scenes import cone, duckie, picture_of
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def detector(calibration: Calibration, detection_settings: DetectionSettings) -> Detector:
+    """As shipped, and has seen nothing yet."""
+    return start(calibration, detection_settings)
+
+
+def test_a_camera_that_sees_no_road_cannot_start(detection_settings: DetectionSettings) -> None:
+    with pytest.raises(CalibrationError, match='homography has the horizon at row'):
+        start(calibration_of(Camera(pitch=-29.0)), detection_settings)
+
+
+def test_nothing_is_an_empty_list(detector: Detector, calibration: Calibration) -> None:
+    assert detect(detector, picture_of(calibration), None)[0] == []
+    assert detect(detector, picture_of(calibration), 0)[0] == []
+
+
+@pytest.mark.parametrize('size', [(320, 240), (800, 600), (1280, 960)], ids='%dx%d'.__mod__)
+def test_a_picture_of_another_size_gives_the_same_answer(
+    detector: Detector, calibration: Calibration, size: Tuple[int, int]
+) -> None:
+    picture = picture_of(calibration, (duckie(0.4, 0.02), cone(0.6, -0.05)))
+    resized = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if size[0] < 640 else cv2.INTER_LINEAR)
+    (plain, _), (found, after) = detect(detector, picture, None), detect(detector, resized, None)
+    assert [one.kind for one in found] == [one.kind for one in plain]
+    assert (after.view.calibration.width, after.view.calibration.height) == size
+    factor = size[0] / 640
+    for here, there in zip(plain, found):
+        assert (there.x, there.y, there.radius) == pytest.approx((here.x, here.y, here.radius), abs=0.015)
+        assert here.image_box is not None and there.image_box is not None
+        for name in ('left', 'right', 'bottom'):
+            expected = factor * getattr(here.image_box, name)
+            assert getattr(there.image_box, name) == pytest.approx(expected, abs=0.006 * size[0]), name
+
+
+def test_the_view_is_kept_while_the_size_stays(detector: Detector, calibration: Calibration) -> None:
+    _, after = detect(detector, picture_of(calibration), None)
+    assert after.view is detector.view
+    small = np.zeros((240, 320, 3), np.uint8)
+    _, after = detect(after, small, None)
+    assert after.view is not detector.view
+    assert detect(after, small, None)[1].view is after.view
+
+
+@pytest.mark.parametrize('size', [(640, 360), (480, 640), (640, 640)], ids='%dx%d'.__mod__)
+def test_a_picture_of_another_aspect_is_refused(detector: Detector, size: Tuple[int, int]) -> None:
+    with pytest.raises(CalibrationError) as refused:
+        detect(detector, np.zeros((size[1], size[0], 3), np.uint8), None)
+    assert str(refused.value).startswith('the picture is %dx%d, expected the aspect of 640x480 as in ' % size)
+
+
+def test_pictures_that_stand_alone_do_not_know_each_other(detector: Detector, calibration: Calibration) -> None:
+    things = [(duckie(0.5, 0.0),), (), (cone(0.5, 0.05), duckie(0.6, -0.04)), (duckie(0.5, 0.01),)]
+    pictures = [picture_of(calibration, some) for some in things]
+    pictures.append(np.rint(pictures[0] * 0.5).astype(np.uint8))  # another light: a kept correction would show
+    each = [detect(detector, picture, None)[0] for picture in pictures]
+    assert [len(found) for found in each] == [1, 0, 2, 1, 1]
+    for order in ([0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [0, 0, 3, 3, 4, 2]):
+        now, answers = detector, []  # type: Tuple[Detector, List[List[Obstacle]]]
+        for i in order:
+            found, now = detect(now, pictures[i], None)
+            answers.append(found)
+        assert answers == [each[i] for i in order]
+
+
+def test_a_sequence_confirms_and_a_restart_forgets(detector: Detector, calibration: Calibration) -> None:
+    picture = picture_of(calibration, (duckie(0.6, 0.0),))
+    counts, now = [], detector
+    for step in range(2):
+        found, now = detect(now, picture, step * 100 * MS)
+        counts.append(len(found))
+    again = restarted(now)
+    assert (again.calibration, again.settings, again.view) == (now.calibration, now.settings, now.view)
+    counts.append(len(detect(again, picture, 200 * MS)[0]))
+    assert counts == [0, 1, 0]
+    assert len(detect(now, picture, 200 * MS)[0]) == 1, 'without the restart it would count'
+
+
+def test_the_detector_given_is_left_alone(detector: Detector, calibration: Calibration) -> None:
+    picture = picture_of(calibration, (duckie(0.6, 0.0),))
+    before = replace(detector)
+    for _ in range(3):
+        assert detect(detector, picture, 0)[0] == []
+    assert detector == before
