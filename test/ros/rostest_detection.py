@@ -9,11 +9,14 @@ import rosbag
 import rospy
 import rostest
 from geometry_msgs.msg import Pose, PoseArray
-from helpers import ANSWER, START, Inbox, Prepared, nanoseconds, run_program
+from helpers import ANSWER, REPOSITORY, START, Inbox, Prepared, default_calibration, nanoseconds, run_program
 
+from obst_avoid.core.bird_view import BirdViewSettings, ground_from_bird, make_bird_view
+from obst_avoid.core.settings import load, read_yaml
 from obst_avoid.offline import drawn_bag
 from obst_avoid.sim.drawn import Thing, robot_from_world
 
+BIRD_VIEW = read_yaml(str(REPOSITORY / 'config' / 'bird_view.yaml'))
 PICTURES = '/drawn/camera_node/image/compressed'
 FEWEST = 70
 """Of 210 pictures. The detector takes the newest and drops the others, on a busy machine many."""
@@ -115,14 +118,14 @@ class Detection(Prepared):
             self.assertTrue(0 <= left < right <= 640, (left, right))
             self.assertTrue(0 <= top < bottom <= 640, (top, bottom))
 
-    def test_the_box_of_something_nearer_reaches_lower(self) -> None:
-        # Up in the bird view is far away, left is left: a box with its corners mixed up would not follow the place.
-        near_far = sorted((pose for msg in self.lists for pose in msg.poses), key=lambda pose: pose.position.x)
-        near, far = near_far[0], near_far[-1]
-        self.assertGreater(far.position.x, near.position.x + 0.2)
-        self.assertGreater(near.orientation.y, far.orientation.y)
-        left_right = sorted((pose for msg in self.lists for pose in msg.poses), key=lambda pose: pose.position.y)
-        self.assertLess(left_right[-1].orientation.z, left_right[0].orientation.z)
+    def test_each_box_stands_where_its_obstacle_stands(self) -> None:
+        # The middle of its lower edge, seen from above, is the place: top, bottom, left and right are not mixed up.
+        view = make_bird_view(default_calibration(), load(BirdViewSettings, BIRD_VIEW['bird_view'], 'bird_view'))
+        for pose in (pose for msg in self.lists for pose in msg.poses):
+            bottom, left, right = pose.orientation.y, pose.orientation.z, pose.orientation.w
+            x, y = ground_from_bird(view, [((left + right - 1) / 2, bottom - 0.5)])[0]
+            self.assertAlmostEqual(pose.position.x, x, delta=0.02)
+            self.assertAlmostEqual(pose.position.y, y, delta=0.02)
 
 
 if __name__ == '__main__':

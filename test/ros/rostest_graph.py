@@ -34,16 +34,17 @@ class Graph(Prepared):
         control = Inbox('/town/obstacle_avoidance_node/lane_control', LaneControl)
         flag = Inbox('/town/obstacle_avoidance_node/obstacle_avoidance_active_flag', BoolStamped)
         command = Inbox('/town/lane_controller_node/car_cmd', Twist2DStamped)
-        cls.output = tempfile.mkdtemp(prefix='obst_avoid_')
+        folder = tempfile.mkdtemp(prefix='obst_avoid_')
+        cls.output = os.path.join(folder, 'result')
         arguments = {
             'bag': rospy.get_param('~bag'),
             'veh': 'town',
             'allow_default_calibration': 'true',
             'msgs_package': 'obst_avoid',
-            'output': cls.output,
+            'output': 'result',  # seen from where roslaunch is called, not from where nodes run
         }
         call = ['roslaunch', 'obst_avoid', 'replay.launch', *('%s:=%s' % item for item in arguments.items())]
-        ended = run_program(call, 200)
+        ended = run_program(call, 200, {'PWD': folder})
         cls.log = ended.output
         cls.controls, cls.flags, cls.commands = control.all(), flag.all(), command.all()
 

@@ -119,6 +119,12 @@ class Controller(unittest.TestCase):
     def test_stands_when_lane_control_stops(self) -> None:
         self.stands_after(self.told(None, d=0.05), 'the lane control is')
 
+    def test_stands_when_both_stop(self) -> None:
+        since = self.told(None)
+        with self.lock:
+            self.pose = None
+        self.stands_after(since, 'is')  # said by its timer alone
+
     def test_a_lane_pose_of_nan_is_not_used(self) -> None:
         self.stands_after(self.told(CLEAR, d=math.nan), 'the lane pose is')
 

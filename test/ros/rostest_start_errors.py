@@ -1,20 +1,36 @@
 #!/usr/bin/env python3
 """Nodes with one thing wrong end at once, with one sentence that names it; nodes with nothing wrong end in peace."""
 
+import functools
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Dict, Tuple
 
 import rospy
 import rostest
-from helpers import REPOSITORY, START, Ended, Prepared, load_launch, publishers_of, run_program, wait_for
+from helpers import (
+    REPOSITORY,
+    START,
+    Ended,
+    Inbox,
+    Prepared,
+    Repeating,
+    load_launch,
+    publisher,
+    publishers_of,
+    run_program,
+    wait_for,
+)
+from roslib.packages import find_node
+from std_msgs.msg import Header
+
+from obst_avoid.msg import LaneControl, LanePose, Twist2DStamped
 
 LIMIT = 15.0
 """[s] within which a node must have given up."""
@@ -60,6 +76,12 @@ CASES = {
         ('nobody', 'camera_intrinsic/nobody.yaml', '{folder}', '/data/config/calibrations', '/fleet/calibrations'),
         {'DUCKIEFLEET_ROOT': '/fleet'},
     ),
+    'relative_calibration_folder': Case(
+        DETECTOR,
+        {'calibration_dir': 'no_such_folder'},
+        ('calibration_dir = /where/roslaunch/was/called/no_such_folder, expected an existing folder',),
+        {'PWD': '/where/roslaunch/was/called'},
+    ),
     'calibration_that_is_no_yaml': Case(
         DETECTOR,
         {'veh': 'broken', 'calibration_dir': '{folder}'},
@@ -102,7 +124,7 @@ class StartErrors(Prepared):
                 rospy.delete_param(full)
             else:
                 rospy.set_param(full, value.format(folder=cls.folder) if isinstance(value, str) else value)
-        return run_program(['rosrun', 'obst_avoid', case.node, '__ns:=' + name], LIMIT, case.environment)
+        return run_program([program(case.node), '__ns:=' + name], LIMIT, case.environment)
 
     def check(self, name: str) -> None:
         case, ended = CASES[name], self.ended[name].result()
@@ -115,7 +137,7 @@ class StartErrors(Prepared):
         self.assertNotIn('Traceback', ended.output)
 
     def test_without_parameters_a_node_names_the_first_that_is_missing(self) -> None:
-        ended = run_program(['rosrun', 'obst_avoid', AVOIDER, '__ns:=bare'], LIMIT)
+        ended = run_program([program(AVOIDER), '__ns:=bare'], LIMIT)
         self.assertEqual(ended.code, 1, ended.output)
         self.assertIn('/bare/obstacle_avoidance_node/stage is missing', ended.output)
         self.assertNotIn('Traceback', ended.output)
@@ -124,18 +146,35 @@ class StartErrors(Prepared):
         processes = {}
         for node in (DETECTOR, AVOIDER, CONTROLLER, VISUALIZER):
             set_parameters('right', node)
-            call = ['rosrun', 'obst_avoid', node, '__ns:=right']
+            call = [program(node), '__ns:=right']
             processes[node] = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
             self.addCleanup(processes[node].kill)
         for node in processes:
             wait_for(lambda name='/right/' + node: name in publishers_of('/diagnostics'), START, node + ' at work')
-        time.sleep(1)
-        for process in processes.values():
-            process.send_signal(signal.SIGINT)
+        commands = Inbox('/right/%s/car_cmd' % CONTROLLER, Twist2DStamped)
+        poses = publisher('/right/%s/lane_pose' % CONTROLLER, LanePose)
+        controls = publisher('/right/%s/lane_control' % CONTROLLER, LaneControl)
+
+        def drive() -> None:
+            poses.publish(LanePose(header=Header(stamp=rospy.Time.now())))
+            controls.publish(LaneControl(state=LaneControl.CLEAR))
+
+        with Repeating(drive):
+            commands.wait(lambda msg: msg.v > 0, 'driving')
+            for process in processes.values():
+                process.send_signal(signal.SIGINT)
+            wait_for(lambda: all(process.poll() is not None for process in processes.values()), LIMIT, 'the end of all')
         for node, process in processes.items():
             output = process.communicate(timeout=LIMIT)[0].decode(errors='replace')
             self.assertNotIn('Traceback', output, node)
             self.assertEqual(process.returncode, 0, '%s: %s' % (node, output))
+        self.assertEqual(commands.all()[-1].v, 0, 'wheels go on with the last command that they got')
+
+
+@functools.lru_cache(maxsize=None)
+def program(node: str) -> str:
+    """The file that roslaunch would start. Not rosrun, whose shell sets PWD anew."""
+    return str(find_node('obst_avoid', node)[0])
 
 
 def set_parameters(namespace: str, node: str) -> None:

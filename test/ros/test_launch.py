@@ -256,6 +256,6 @@ def test_relative_paths_of_a_replay(name: str, argument: str, monkeypatch: pytes
 
 @pytest.mark.parametrize('veh', ['007', 'true', '1e3'])
 def test_a_robot_whose_name_reads_like_a_number(veh: str) -> None:
-    config = load_launch('obst_avoid.launch', veh=veh, lane_controller='true', msgs_package='obst_avoid')
+    config = load_launch('replay.launch', veh=veh, bag='/a.bag', msgs_package='obst_avoid')
     for full, node in nodes_of(config).items():
         assert load(SETTINGS[node.type], private(config, full), full).veh == veh

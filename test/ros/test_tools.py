@@ -47,8 +47,8 @@ TOOLS = {
 CONE = SCENE.things[1]
 PICTURES = 210
 """In the drawn bag."""
-CHECKED = 60
-"""Pictures of the drawn bag, up to where the robot has stopped."""
+CHECKED = 100
+"""Pictures of the drawn bag, up to where the stop is only remembered."""
 
 
 @pytest.fixture(scope='module')
@@ -224,6 +224,13 @@ class TestDetectImages:
         assert changes['a.jpg'] > 100
         assert changes['b.jpg'] == 0
 
+    def test_the_pictures_themselves_are_not_overwritten(self, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        (tmp_path / '1.jpg').write_bytes(jpeg_of())
+        call = [*DEFAULT, '--output', str(tmp_path / 'o.json'), '--annotated', str(tmp_path), str(tmp_path)]
+        assert detect_images.main(call) == 1
+        assert 'would overwrite' in sentence('detect_images')
+        assert (tmp_path / '1.jpg').read_bytes() == jpeg_of()
+
     def test_annotated_pictures_that_differ_in_their_ending_only(self, tmp_path: Path) -> None:
         folder = tmp_path / 'pictures'
         folder.mkdir()
@@ -357,10 +364,12 @@ class TestBagsAndImages:
 
     @pytest.mark.parametrize('rate', ['0', '-1', 'nan'])
     def test_rates_that_are_none(
-        self, rate: str, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]
+        self, rate: str, pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     ) -> None:
-        assert images_to_bag.main(['--output', str(tmp_path / 'x.bag'), '--rate', rate, str(pictures)]) == 1
-        assert '--rate = %s, expected a number > 0' % rate in sentence('images_to_bag')
+        with pytest.raises(SystemExit, match='2'):
+            images_to_bag.main(['--output', str(tmp_path / 'x.bag'), '--rate', rate, str(pictures)])
+        assert '--rate: %s, expected 0.001 to 1000' % rate in capsys.readouterr().err
+        assert not (tmp_path / 'x.bag').exists()
 
     def test_nothing_is_overwritten(self, pictures: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
         path = tmp_path / 'there.bag'
@@ -376,9 +385,27 @@ class TestBagsAndImages:
         assert str(broken) in sentence('images_to_bag')
         assert recording.open_bag(bag).pictures == 1
 
-    def test_every_none(self, bag: str, tmp_path: Path, sentence: Callable[[str], str]) -> None:
-        assert bag_to_images.main([bag, '--output', str(tmp_path), '--every', '0']) == 1
-        assert '--every = 0, expected a whole number >= 1' in sentence('bag_to_images')
+    def test_every_none(self, bag: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+        with pytest.raises(SystemExit, match='2'):
+            bag_to_images.main([bag, '--output', str(tmp_path), '--every', '0'])
+        assert '--every: 0, expected a whole number >= 1' in capsys.readouterr().err
+
+    def test_pictures_of_one_stamp_are_all_kept(self, bag: str, tmp_path: Path) -> None:
+        source, folder = str(tmp_path / 'same.bag'), tmp_path / 'out'
+        with rosbag.Bag(bag) as old, rosbag.Bag(source, 'w') as new:
+            topic = '/drawn/camera_node/image/compressed'
+            for index, (_, msg, time) in enumerate(old.read_messages(topics=[topic])):
+                msg.header.stamp.secs = msg.header.stamp.nsecs = 0
+                new.write(topic, msg, time)
+                if index == 2:
+                    break
+        assert bag_to_images.main([source, '--output', str(folder)]) == 0
+        assert len(os.listdir(folder)) == 3
+
+    def test_a_topic_that_is_no_picture(self, bag: str, tmp_path: Path, sentence: Callable[[str], str]) -> None:
+        topic = '/drawn/lane_filter_node/lane_pose'
+        assert bag_to_images.main([bag, '--output', str(tmp_path), '--topic', topic]) == 1
+        assert 'has no pictures' in sentence('bag_to_images')
 
 
 class TestRunBag:
@@ -582,6 +609,7 @@ def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert 'x decoding' in capsys.readouterr().out
 
 
-def test_bench_of_nothing(sentence: Callable[[str], str]) -> None:
-    assert bench.main(['--count', '0']) == 1
-    assert '--count = 0, expected a whole number >= 1' in sentence('bench')
+def test_bench_of_nothing(capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit, match='2'):
+        bench.main(['--count', '0'])
+    assert '--count: 0, expected a whole number >= 1' in capsys.readouterr().err

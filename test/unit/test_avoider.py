@@ -5,7 +5,7 @@ from typing import List, Optional, Sequence, Tuple
 
 import pytest
 
-from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide, passing_offset
+from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide, passing_offset, restamped
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.types import Decision, LanePose, Obstacle, Stamped, State
 
@@ -28,7 +28,7 @@ def settings(avoidance_settings: AvoidanceSettings) -> AvoidanceSettings:
         cruise_speed=0.2,
         avoid_speed=0.12,
         stop_hold=1.0,
-        avoid_hold=2.5,
+        avoid_hold=3.0,
         obstacles_age_limit=0.3,
         lane_pose_age_limit=0.4,
         clock_age_limit=0.5,
@@ -241,9 +241,23 @@ def test_inputs_at_their_limits_are_fresh(settings: AvoidanceSettings, inputs: I
     assert decide(inputs, Memory(), NOW, settings)[0].state is State.CLEAR
 
 
-def test_a_fault_leaves_the_memory_alone(settings: AvoidanceSettings) -> None:
+def test_a_fault_does_not_forget_what_is_being_passed(settings: AvoidanceSettings) -> None:
+    _, memory = decide(seen(RIGHT), Memory(), NOW, settings)
+    assert decide(Inputs(), memory, NOW, settings)[1].avoided == memory.avoided
+
+
+def test_after_a_jump_of_the_clock_all_is_held_anew(settings: AvoidanceSettings) -> None:
     _, memory = decide(seen(MIDDLE), Memory(), NOW, settings)
-    assert decide(Inputs(), memory, NOW, settings)[1] == memory
+    earlier = NOW - 20 * MS
+    clear = Inputs(Stamped(earlier, ()), Stamped(earlier, LanePose(0.0, 0.0)))
+    assert decide(clear, restamped(memory, earlier), earlier, settings)[0].state is State.STOPPED
+    assert restamped(Memory(), earlier) == Memory()
+
+
+def test_while_one_is_passed_the_larger_offset_is_kept(settings: AvoidanceSettings) -> None:
+    first, second = run([(0, seen(RIGHT)), (100, seen(obstacle(0.3, -0.11)))], settings)
+    assert second.state is State.AVOIDING
+    assert second.d_ref == first.d_ref > 0
 
 
 # decide: what outlives a picture
@@ -264,27 +278,30 @@ CLEAR, AVOID, STOP = State.CLEAR, State.AVOIDING, State.STOPPED
         pytest.param(
             [(0, seen(MIDDLE)), (500, seen(RIGHT)), (1001, seen(RIGHT))], [STOP, STOP, AVOID], id='also before a pass'
         ),
-        pytest.param([(0, seen(RIGHT)), (2500, seen())], [AVOID, AVOID], id='a pass is held'),
-        pytest.param([(0, seen(RIGHT)), (2501, seen())], [AVOID, CLEAR], id='for two and a half seconds'),
+        pytest.param([(0, seen(RIGHT)), (3000, seen())], [AVOID, AVOID], id='a pass is held'),
+        pytest.param([(0, seen(RIGHT)), (3001, seen())], [AVOID, CLEAR], id='for three seconds'),
         pytest.param(
             [(0, seen(RIGHT)), (2000, seen(RIGHT)), (4000, seen())], [AVOID, AVOID, AVOID], id='since last seen'
         ),
         pytest.param(
             [(0, seen(RIGHT)), (100, seen(LEFT)), (1200, seen())], [AVOID, STOP, AVOID], id='one opposite: stops'
         ),
-        pytest.param([(0, seen(RIGHT)), (2600, seen(LEFT))], [AVOID, AVOID], id='opposite, but the first is passed'),
+        pytest.param([(0, seen(RIGHT)), (3100, seen(LEFT))], [AVOID, AVOID], id='opposite, but the first is passed'),
         pytest.param([(0, seen(RIGHT)), (100, seen(RIGHT, LEFT))], [AVOID, STOP], id='a second one beside it'),
         pytest.param(
-            [(0, seen(MIDDLE)), (100, Inputs()), (200, seen())], [STOP, State.FAULT, STOP], id='a fault in between'
+            [(0, seen(MIDDLE)), (100, Inputs()), (200, seen())],
+            [STOP, State.FAULT, State.FAULT],
+            id='a fault in between',
         ),
-        pytest.param([(0, Inputs()), (100, seen())], [State.FAULT, CLEAR], id='a fault is over at once'),
+        pytest.param([(0, Inputs()), (1000, seen())], [State.FAULT, State.FAULT], id='a fault is held like a stop'),
+        pytest.param([(0, Inputs()), (1001, seen())], [State.FAULT, CLEAR], id='and no longer than one'),
         pytest.param(
             [(0, seen(RIGHT)), (2000, seen(MIDDLE)), (4000, seen(MIDDLE)), (5001, seen())],
             [AVOID, STOP, STOP, AVOID],
             id='a pass does not run out while the robot stands',
         ),
         pytest.param(
-            [(0, seen(RIGHT)), (2000, Inputs()), (4000, Inputs()), (4100, seen())],
+            [(0, seen(RIGHT)), (2000, Inputs()), (4000, Inputs()), (5001, seen())],
             [AVOID, State.FAULT, State.FAULT, AVOID],
             id='nor while it is blind',
         ),

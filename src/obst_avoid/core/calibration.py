@@ -239,6 +239,9 @@ def _homography(extrinsic: Mapping[str, Any], projection: Array, width: int, hei
     homography = _matrix(extrinsic, 'homography', (3, 3), path)
     if np.linalg.cond(homography / np.abs(homography).max(initial=1e-300)) > LARGEST_CONDITION:
         raise CalibrationError('%s: homography = %s, expected an invertible matrix' % (path, _short(homography)))
+    frame = extrinsic.get('frame', 'robot')
+    if frame != 'robot':
+        raise CalibrationError('%s: frame = %r, expected robot' % (path, frame))
     form = extrinsic.get('format')
     if form == 'resolution-independent':  # maps the rectified ray (x / z, y / z, 1)
         result: Array = homography @ np.linalg.inv(projection)

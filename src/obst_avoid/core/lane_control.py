@@ -14,6 +14,7 @@ class LaneControlSettings:
     """config/lane_controller_node.yaml has values, units and reasons."""
 
     cruise_speed: float = number('m/s', above=0)
+    largest_speed: float = number('m/s', above=0)
     convergence_length: float = number('m', above=0)
     damping: float = number('ratio', above=0)
     largest_omega: float = number('rad/s', above=0)
@@ -54,6 +55,7 @@ def control(
         return Command(0.0, 0.0), 'stopping: %s' % stale
     pose, wanted = lane_pose.value, reference.value
     d_ref, speed = (wanted.d_ref, wanted.v_ref) if wanted.active else (0.0, settings.cruise_speed)
+    speed = min(speed, settings.largest_speed)
     if speed <= 0:
         return Command(0.0, 0.0), 'stopping: asked to by the avoider'
     length = settings.convergence_length

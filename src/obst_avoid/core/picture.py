@@ -22,9 +22,17 @@ def decode_jpeg(data: bytes) -> Array:
         raise PictureError('the picture starts with %s, expected a JPEG (ff d8)' % data[:2].hex())
     if b'\xff\xd9' not in data[-32:]:  # a camera may pad behind the end marker
         raise PictureError('the picture of %d bytes has no end marker, expected a whole JPEG (ff d9)' % len(data))
-    picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    return decode(data)
+
+
+def decode(data: bytes) -> Array:
+    """Decode a picture in any format that OpenCV knows to (H, W, 3) uint8, BGR. Raises PictureError."""
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # for example of a size that no camera has
+        picture = None
     if picture is None:
-        raise PictureError('the picture of %d bytes does not decode, expected a JPEG' % len(data))
+        raise PictureError('the picture of %d bytes does not decode, expected a JPEG or PNG' % len(data))
     return check_picture(picture)
 
 

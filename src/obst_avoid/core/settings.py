@@ -138,7 +138,11 @@ def read_yaml(path: str) -> Any:
             return yaml.safe_load(file)
     except OSError as error:
         raise SettingsError('%s cannot be read: %s' % (path, error.strerror)) from error
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that does not exist, bytes that are not UTF-8
+    except (
+        yaml.YAMLError,
+        ValueError,
+        RecursionError,
+    ) as error:  # 2019-13-01, bytes
         mark = getattr(error, 'problem_mark', None)
         line = '' if mark is None else ' at line %d' % (mark.line + 1)
         raise SettingsError('%s does not parse as YAML%s' % (path, line)) from error

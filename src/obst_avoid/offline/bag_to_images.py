@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from typing import Any
+from typing import Any, Set
 
 from obst_avoid.core.picture import PictureError, encode_jpeg
 from obst_avoid.offline import tool
@@ -22,22 +22,23 @@ def main(arguments: Any = None) -> int:
         '--vehicle', metavar='NAME', default='', help='robot whose pictures are taken, if there are several'
     )
     parser.add_argument('--topic', metavar='TOPIC', default='', help='picture topic, if it has an unusual name')
-    parser.add_argument('--every', metavar='N', type=int, default=1, help='take every Nth picture (default: 1)')
+    parser.add_argument('--every', metavar='N', type=tool.count, default=1, help='take every Nth picture (default: 1)')
     return tool.run(_main, parser, arguments)
 
 
 def _main(options: argparse.Namespace) -> int:
-    if options.every < 1:
-        raise tool.ToolError('--every = %d, expected a whole number >= 1' % options.every)
     recording = open_bag(options.bag, options.vehicle, options.topic)
     os.makedirs(options.output, exist_ok=True)
     pictures = (item for item in messages(recording) if item.role in (JPEG, RAW))
     written = broken = 0
+    names: Set[str] = set()
     for index, item in enumerate(tool.progress(pictures, 'writing', recording.pictures)):
         if index % options.every:
             continue
         stamp = border.nanoseconds(item.msg.header.stamp)
-        name = '%d_%09d.jpg' % (stamp // 10**9, stamp % 10**9)
+        name = '%d_%09d' % (stamp // 10**9, stamp % 10**9)
+        name += '_%d.jpg' % index if name in names else '.jpg'
+        names.add(name[: -len('.jpg')])
         try:
             if item.role == JPEG:
                 border.picture_from_compressed_image(item.msg)

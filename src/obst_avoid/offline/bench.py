@@ -37,15 +37,13 @@ def main(arguments: Any = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(prog='bench', description='Time each stage of the detector beside JPEG decoding.')
     tool.add_calibration_arguments(parser)
-    parser.add_argument('--count', type=int, default=200, help='pictures that are timed (default: 200)')
+    parser.add_argument('--count', type=tool.count, default=200, help='pictures that are timed (default: 200)')
     parser.add_argument('--output', metavar='FILE', help='write the figures there, as JSON')
     parser.add_argument('paths', metavar='PATH', nargs='*', help='pictures or folders; without any, pictures are drawn')
     return tool.run(_main, parser, arguments)
 
 
 def _main(options: argparse.Namespace) -> int:
-    if options.count < 1:
-        raise tool.ToolError('--count = %d, expected a whole number >= 1' % options.count)
     if options.paths:
         calibration = tool.calibration_of(options)
         pictures = [read_jpeg(path) for path in tool.picture_files(options.paths)[: options.count]]

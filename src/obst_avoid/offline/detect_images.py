@@ -23,7 +23,7 @@ def main(arguments: Any = None) -> int:
     parser = argparse.ArgumentParser(prog='detect_images', description='Find duckies and cones in pictures.')
     tool.add_calibration_arguments(parser)
     parser.add_argument('--sequence', action='store_true', help='the pictures follow each other: use the tracker')
-    parser.add_argument('--rate', type=float, default=30.0, help='pictures a second of a sequence (default: 30)')
+    parser.add_argument('--rate', type=tool.rate, default=30.0, help='pictures a second of a sequence (default: 30)')
     parser.add_argument('--output', metavar='FILE', required=True, help='JSON file to write')
     parser.add_argument('--annotated', metavar='DIR', help='write each picture with its boxes there')
     parser.add_argument('paths', metavar='PATH', nargs='+', help='pictures, or folders of pictures')
@@ -33,6 +33,7 @@ def main(arguments: Any = None) -> int:
 def _main(options: argparse.Namespace) -> int:
     files = tool.picture_files(options.paths)
     names = tool.short_names(files)
+    tool.writable(options.output)
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
     if options.annotated:
         os.makedirs(options.annotated, exist_ok=True)
@@ -46,8 +47,8 @@ def _main(options: argparse.Namespace) -> int:
             stamp = tool.stamp_of_frame(index, options.rate) if options.sequence else None
             obstacles, detector = detection.detect(detector, picture, stamp)
             milliseconds = 1e3 * (time.perf_counter() - begin)
-        except (PictureError, CalibrationError) as error:
-            broken.append('%s: %s' % (path, error))
+        except (PictureError, CalibrationError, OSError) as error:
+            broken.append('%s: %s' % (path, error.strerror if isinstance(error, OSError) else error))
             continue
         images.append(
             {
@@ -61,6 +62,8 @@ def _main(options: argparse.Namespace) -> int:
         if options.annotated:
             name = names[path] if names[path].lower().endswith('.jpg') else names[path] + '.jpg'
             target = os.path.join(options.annotated, name)
+            if os.path.exists(target) and os.path.samefile(target, path):
+                raise tool.ToolError('--annotated %s would overwrite the pictures themselves' % options.annotated)
             os.makedirs(os.path.dirname(target), exist_ok=True)
             cv2.imwrite(target, draw_on_picture(picture, obstacles, detector.view))
     with open(options.output, 'w', encoding='utf-8') as file:

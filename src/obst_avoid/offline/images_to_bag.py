@@ -1,7 +1,6 @@
 """images_to_bag: picture files as a bag that replay.launch and run_bag take."""
 
 import argparse
-import os
 import sys
 from typing import Any
 
@@ -21,16 +20,13 @@ def main(arguments: Any = None) -> int:
     parser.add_argument(
         '--vehicle', metavar='NAME', default='images', help='robot under whose name they stand (default: images)'
     )
-    parser.add_argument('--rate', metavar='HZ', type=float, default=30.0, help='pictures a second (default: 30)')
+    parser.add_argument('--rate', metavar='HZ', type=tool.rate, default=30.0, help='pictures a second (default: 30)')
     parser.add_argument('paths', metavar='PATH', nargs='+', help='pictures, or folders of pictures')
     return tool.run(_main, parser, arguments)
 
 
 def _main(options: argparse.Namespace) -> int:
-    if not options.rate > 0:
-        raise tool.ToolError('--rate = %g, expected a number > 0 (pictures a second)' % options.rate)
-    if os.path.exists(options.output):
-        raise tool.ToolError('%s exists, expected a new file' % options.output)
+    tool.new_file(options.output)
     files = tool.picture_files(options.paths)
     topic = '/%s/%s' % (options.vehicle.strip('/'), TOPICS[JPEG])
     written = broken = 0
@@ -39,8 +35,9 @@ def _main(options: argparse.Namespace) -> int:
             try:
                 jpeg = read_jpeg(path)
                 decode_jpeg(jpeg)
-            except PictureError as error:
-                print('images_to_bag: %s: %s' % (path, error), file=sys.stderr)
+            except (PictureError, OSError) as error:
+                why = error.strerror if isinstance(error, OSError) else error
+                print('images_to_bag: %s: %s' % (path, why), file=sys.stderr)
                 broken += 1
                 continue
             stamp = tool.stamp_of_frame(written, options.rate)

@@ -1,9 +1,6 @@
 """Pictures from files."""
 
-import cv2
-import numpy as np
-
-from obst_avoid.core.picture import PictureError, check_picture, decode_jpeg, encode_jpeg
+from obst_avoid.core.picture import PictureError, decode, decode_jpeg, encode_jpeg
 from obst_avoid.core.types import Array
 
 
@@ -12,10 +9,7 @@ def read_jpeg(path: str) -> bytes:
     with open(path, 'rb') as file:
         data = file.read()
     if data[:8] == b'\x89PNG\r\n\x1a\n':
-        picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            raise PictureError('the picture does not decode, expected a PNG')
-        return encode_jpeg(check_picture(picture), 95)
+        return encode_jpeg(decode(data), 95)
     return data
 
 

@@ -4,6 +4,7 @@ import os
 from dataclasses import dataclass
 from typing import Any, Dict, Iterator, Tuple
 
+import genpy
 import rosbag
 
 from obst_avoid.core.picture import PictureError
@@ -19,6 +20,7 @@ TOPICS = {
     LANE_POSE: 'lane_filter_node/lane_pose',
 }
 """What is read of a recording, by the end of its topic's name: a bag may come from a robot of another name."""
+TYPES = {JPEG: 'sensor_msgs/CompressedImage', RAW: 'sensor_msgs/Image', CAMERA_INFO: 'sensor_msgs/CameraInfo'}
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,12 @@ def open_bag(path: str, vehicle: str = '', topic: str = '') -> Recording:
     for role, ending in TOPICS.items():
         found = [name for name in sorted(info) if name.startswith(prefix) and name.endswith('/' + ending)]
         if role in (JPEG, RAW) and topic:
-            found = [topic] if ('Compressed' in info[topic].msg_type) == (role == JPEG) else []
+            found = [topic]
+        types = TYPES.get(role)
+        found = [name for name in found if types is None or info[name].msg_type == types]
         if len(found) > 1:
             raise ToolError('%s has several robots, expected one of them by name: %s' % (path, ', '.join(found)))
-        if found:
+        if found and found[0] not in topics.values():
             topics[role] = found[0]
     recording = Recording(path, topics, 0)
     if recording.picture_role not in topics:
@@ -105,5 +109,8 @@ def messages(recording: Recording) -> Iterator[Recorded]:
         return
     roles = {name: role for role, name in recording.topics.items() if role != RAW or recording.picture_role == RAW}
     with rosbag.Bag(recording.path) as bag:
-        for topic, msg, time in bag.read_messages(topics=list(roles)):
-            yield Recorded(roles[topic], border.nanoseconds(time), msg)
+        try:
+            for topic, msg, time in bag.read_messages(topics=list(roles)):
+                yield Recorded(roles[topic], border.nanoseconds(time), msg)
+        except (rosbag.ROSBagException, genpy.DeserializationError, OSError, EOFError) as error:
+            raise ToolError('%s is damaged: %s' % (recording.path, error)) from error

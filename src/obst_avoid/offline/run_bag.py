@@ -1,12 +1,14 @@
-"""run_bag: a bag through detector and avoider without a running ROS graph, on the nodes' own code path."""
+"""run_bag: a bag through detector and avoider without a running ROS graph, by the functions that the nodes call.
+
+It decides once a picture, without delay: what the nodes' timers say in gaps between pictures does not appear.
+"""
 
 import argparse
 import json
-import os
 import sys
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Iterator, List, Sequence
+from typing import Any, Callable, Iterator, List, Optional, Sequence
 
 import rosbag
 
@@ -59,6 +61,7 @@ def run(
 ) -> Iterator[Answer]:
     """Work through a recording, picture by picture. A message that cannot be used is complained about and skipped."""
     inputs, memory = Inputs(), Memory()
+    newest: Optional[int] = None
     for item in messages(recording):
         if item.role not in (LANE_POSE, JPEG, RAW):
             continue
@@ -69,6 +72,9 @@ def run(
                 inputs = replace(inputs, lane_pose=Stamped(stamp, border.lane_pose_from_msg(item.msg)))
                 continue
             jpeg = item.role == JPEG
+            if newest is not None and stamp < newest:
+                detector = detection.restarted(detector)
+            newest = stamp
             picture = border.picture_from_compressed_image(item.msg) if jpeg else border.picture_from_image(item.msg)
             obstacles, detector = detection.detect(detector, picture, stamp)
         except (PictureError, CalibrationError, border.BorderError) as error:
@@ -82,8 +88,10 @@ def run(
 
 
 def _main(options: argparse.Namespace) -> int:
-    if options.output and os.path.exists(options.output):
-        raise tool.ToolError('%s exists, expected a new file' % options.output)
+    if options.output:
+        tool.new_file(options.output)
+    if options.json:
+        tool.writable(options.json)
     recording = open_bag(options.bag, options.robot)
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
     content = tool.node_yaml(options.config, 'obstacle_avoidance_node.yaml')

@@ -30,6 +30,8 @@ def main(arguments: Any = None) -> int:
 def _main(options: argparse.Namespace) -> int:
     files = tool.picture_files(options.paths)
     names = tool.short_names(files)
+    stems = {path: os.path.splitext(name)[0] for path, name in names.items()}
+    stems = stems if len(set(stems.values())) == len(stems) else names
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
     broken = 0
     for path in tool.progress(files, 'drawing'):
@@ -37,12 +39,12 @@ def _main(options: argparse.Namespace) -> int:
         try:
             picture = read_picture(path)
             _, seen = detection.detect(detector, picture, None, stages.__setitem__)
-        except (PictureError, CalibrationError) as error:
-            print('show_steps: %s' % error, file=sys.stderr)
+        except (PictureError, CalibrationError, OSError) as error:
+            print('show_steps: %s' % (tool.why_os(error) if isinstance(error, OSError) else error), file=sys.stderr)
             broken += 1
             continue
         panels = paper_steps(picture, stages, seen.view)
-        folder = os.path.join(options.output, os.path.splitext(names[path])[0])
+        folder = os.path.join(options.output, stems[path])
         os.makedirs(folder, exist_ok=True)
         for name, panel in panels:
             cv2.imwrite(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)

@@ -33,10 +33,46 @@ def run(main: Callable[[argparse.Namespace], int], parser: argparse.ArgumentPars
     except (ToolError, SettingsError, CalibrationError) as error:
         print('%s: %s' % (parser.prog, error), file=sys.stderr)
     except OSError as error:
-        print('%s: %s: %s' % (parser.prog, error.filename, error.strerror), file=sys.stderr)
+        print('%s: %s' % (parser.prog, why_os(error)), file=sys.stderr)
     except KeyboardInterrupt:
         print('%s: interrupted' % parser.prog, file=sys.stderr)
     return 1
+
+
+def why_os(error: OSError) -> str:
+    """What the system refused, and for which file if it says so."""
+    return ': '.join(str(part) for part in (error.filename, error.strerror or error) if part)
+
+
+def rate(value: str) -> float:
+    """Argument type: pictures a second, 0.001 to 1000."""
+    number = float(value)
+    if not 0.001 <= number <= 1000:
+        raise argparse.ArgumentTypeError('%s, expected 0.001 to 1000 (pictures a second)' % value)
+    return number
+
+
+def count(value: str) -> int:
+    """Argument type: a whole number >= 1."""
+    number = int(value)
+    if number < 1:
+        raise argparse.ArgumentTypeError('%s, expected a whole number >= 1' % value)
+    return number
+
+
+def new_file(path: str) -> str:
+    """Check before the work that a file can be written after it, and that nothing is lost by it."""
+    if os.path.exists(path):
+        raise ToolError('%s exists, expected a new file' % path)
+    return writable(path)
+
+
+def writable(path: str) -> str:
+    """Check before the work that a file can be written after it."""
+    folder = os.path.dirname(os.path.abspath(path))
+    if os.path.isdir(path) or not os.path.isdir(folder):
+        raise ToolError('%s cannot be written, expected a file in an existing folder' % path)
+    return path
 
 
 def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:

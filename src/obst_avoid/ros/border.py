@@ -111,7 +111,8 @@ def decision_from_lane_control(msg: LaneControl) -> Decision:
 def reference_from_lane_control(msg: LaneControl) -> Reference:
     """What of a LaneControl the controller tracks."""
     decision = decision_from_lane_control(msg)
-    return Reference(decision.active, decision.d_ref, decision.v_ref)
+    stands = decision.state in (State.STOPPED, State.FAULT)  # whatever v_ref says
+    return Reference(decision.active, decision.d_ref, 0.0 if stands else decision.v_ref)
 
 
 def flag_from_decision(decision: Decision, stamp: int, cls: Any) -> Any:

@@ -42,6 +42,8 @@ class ControllerNode:
         self._rate = node.Rate()
         self._publisher = rospy.Publisher('~car_cmd', self._messages.Twist2DStamped, queue_size=1)
         self._health = node.Health(self._settings.veh, self._diagnose)
+        self._ending = False
+        rospy.on_shutdown(self._stop_for_good)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
         rospy.Subscriber('~lane_control', LaneControl, self._on_lane_control, queue_size=1)
@@ -78,7 +80,16 @@ class ControllerNode:
             ):
                 self._act(clock)
 
+    def _stop_for_good(self) -> None:
+        """The wheels keep the last command that they heard."""
+        with self._lock:
+            self._ending = True
+            stamp = border.nanoseconds(rospy.Time.now())
+            self._publisher.publish(border.msg_from_command(Command(0.0, 0.0), stamp, self._messages.Twist2DStamped))
+
     def _act(self, clock: node.ClockReading) -> None:
+        if self._ending:
+            return
         command, reason = control(self._lane_pose, self._reference, clock.stood, clock.now, self._settings)
         self._command, self._reason = command, reason
         self._commanded, self._commanded_wall = clock.now, clock.wall
@@ -86,10 +97,13 @@ class ControllerNode:
 
     def _diagnose(self, status: Any) -> None:
         with self._lock:
-            command, reason = self._command, self._reason
+            command, reason, lane_pose, reference = self._command, self._reason, self._lane_pose, self._reference
         blind = reason.startswith('stopping') and 'asked' not in reason
         status.summary(node.WARN if blind else node.OK, reason)
         status.add('lane poses per second', '%.1f' % self._rate.read())
+        now = border.nanoseconds(rospy.Time.now())
+        for name, value in (('lane pose', lane_pose), ('lane control', reference)):
+            status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))
         status.add('v [m/s]', '%.2f' % command.v)
         status.add('omega [rad/s]', '%.2f' % command.omega)
 

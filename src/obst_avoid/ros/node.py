@@ -6,7 +6,7 @@ import threading
 import time
 import traceback
 from dataclasses import dataclass
-from typing import Any, Callable, Generic, Optional, Type, TypeVar
+from typing import Any, Callable, Dict, Generic, Optional, Type, TypeVar
 
 import diagnostic_updater
 import rospkg
@@ -19,6 +19,9 @@ from obst_avoid.ros.border import nanoseconds
 from obst_avoid.ros.messages import MessagesError
 
 _broken = threading.Event()
+_warned: Dict[str, float] = {}
+REPEAT = 2.0
+"""[s] of wall time between two warnings of one kind."""
 
 S = TypeVar('S')
 T = TypeVar('T')
@@ -195,7 +198,9 @@ class Rate:
 
 
 def dropped(what: str, error: Exception) -> str:
-    """Say, at most every 2 s, that a message was not used. Returns the sentence."""
+    """Say, at most every REPEAT seconds for each kind, that a message was not used. Returns the sentence."""
     sentence = '%s dropped: %s' % (what, error)
-    rospy.logwarn_throttle(2.0, '%s: %s' % (rospy.get_name(), sentence))
+    if time.monotonic() - _warned.get(what, -REPEAT) >= REPEAT:  # rospy's throttle knows only this line, not what
+        _warned[what] = time.monotonic()
+        rospy.logwarn('%s: %s', rospy.get_name(), sentence)
     return sentence

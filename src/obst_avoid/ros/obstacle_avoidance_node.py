@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseArray
 from visualization_msgs.msg import MarkerArray
 
 from obst_avoid.core.age import age
-from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide, restamped
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.settings import text
 from obst_avoid.core.types import Decision, Stamped, State
@@ -81,8 +81,8 @@ class AvoidanceNode:
 
     def _decide(self, clock: node.ClockReading) -> None:
         if clock.backwards:
-            rospy.logwarn('%s: time ran backwards, starting anew', rospy.get_name())
-            self._memory = Memory()  # the inputs are now stamped in the future, which decide() refuses
+            rospy.logwarn('%s: time ran backwards', rospy.get_name())
+            self._memory = restamped(self._memory, clock.now)
         inputs = replace(self._inputs, clock_stood=clock.stood)
         before = self._decision
         decision, self._memory = decide(inputs, self._memory, clock.now, self._settings)

@@ -80,7 +80,7 @@ class DetectionNode:
 
     def _on_camera_info(self, msg: CameraInfo) -> None:
         """Warn when the camera says that it is another one than the calibration's."""
-        if msg.width == 0 or not any(msg.K):
+        if not (msg.width and msg.height and any(msg.K)):
             return
         calibration = self._detector.calibration
         try:

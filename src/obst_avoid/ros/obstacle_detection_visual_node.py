@@ -6,7 +6,7 @@ Pictures cross the network and are drawn only while somebody looks at the result
 import collections
 import threading
 from dataclasses import dataclass
-from typing import Any, List, Optional, Tuple, Union
+from typing import Any, List, Optional, OrderedDict, Tuple, Union
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseArray, Quaternion, TransformStamped, Vector3
 from sensor_msgs.msg import CompressedImage, Image
 from visualization_msgs.msg import MarkerArray
 
+from obst_avoid.core.age import age
 from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, warp
 from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
 from obst_avoid.core.picture import PictureError, encode_jpeg
@@ -26,7 +27,10 @@ from obst_avoid.ros.markers import markers_from_obstacles
 from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture
 
 KEPT = 60
-"""Pictures that wait for their obstacle list: 2 s at 30 Hz, more than a Raspberry Pi and a bad network need."""
+"""Pictures and obstacle lists that wait for each other: 2 s at 30 Hz. Over a network either may come first."""
+
+
+Waiting = OrderedDict[int, Any]
 
 
 @dataclass(frozen=True)
@@ -71,8 +75,10 @@ class VisualNode:
         self._frame = border.footprint_frame(settings.veh)
         self._camera_frame = border.camera_frame(settings.veh)
         self._lock = threading.Lock()
-        self._pictures: collections.OrderedDict[int, Any] = collections.OrderedDict()
-        self._newest: node.Newest[Tuple[int, List[Obstacle]]] = node.Newest()
+        self._pictures: Waiting = collections.OrderedDict()
+        self._lists: Waiting = collections.OrderedDict()
+        self._newest: node.Newest[Tuple[int, Any, List[Obstacle]]] = node.Newest()
+        self._stamp: Optional[int] = None
         self._subscriber: Optional[rospy.Subscriber] = None
         self._shown = 0
         self._rate, self._reason = node.Rate(), 'nothing yet'
@@ -102,7 +108,8 @@ class VisualNode:
             self._markers.publish(markers_from_obstacles(obstacles, self._shown, stamp, self._frame))
             self._shown = len(obstacles)
         self._subscribe(self._image.wanted() or self._bird.wanted())
-        self._newest.put((stamp, obstacles))
+        self._wait(self._lists, stamp, obstacles)
+        self._stamp = stamp
         self._reason = '%d obstacles' % len(obstacles)
         self._rate.tick()
 
@@ -119,20 +126,22 @@ class VisualNode:
                 self._pictures.clear()
 
     def _on_picture(self, msg: Union[CompressedImage, Image]) -> None:
+        self._wait(self._pictures, border.nanoseconds(msg.header.stamp), msg)
+
+    def _wait(self, waiting: Waiting, stamp: int, value: Any) -> None:
+        """Keep a picture or a list until its partner is there; then both go to the worker."""
         with self._lock:
-            self._pictures[border.nanoseconds(msg.header.stamp)] = msg
-            while len(self._pictures) > KEPT:
-                self._pictures.popitem(last=False)
+            waiting[stamp] = value
+            while len(waiting) > KEPT:
+                waiting.popitem(last=False)
+            if stamp in self._pictures and stamp in self._lists:
+                self._newest.put((stamp, self._pictures.pop(stamp), self._lists.pop(stamp)))
 
     def _work(self) -> None:
         found = self._newest.take(timeout=0.5)
         if found is None:
             return
-        stamp, obstacles = found
-        with self._lock:
-            msg = self._pictures.pop(stamp, None)
-        if msg is None:
-            return
+        stamp, msg, obstacles = found
         try:
             compressed = self._settings.input == 'compressed'
             picture = border.picture_from_compressed_image(msg) if compressed else border.picture_from_image(msg)
@@ -154,6 +163,8 @@ class VisualNode:
         rate = self._rate.read()
         status.summary(node.OK if rate else node.WARN, self._reason if rate else 'no obstacle list')
         status.add('obstacle lists per second', '%.1f' % rate)
+        seconds = None if self._stamp is None else age(self._stamp, border.nanoseconds(rospy.Time.now()))
+        status.add('obstacle list age [s]', 'none' if seconds is None else '%.3f' % seconds)
         status.add('calibration', self._calibration.source)
 
 

@@ -44,26 +44,36 @@ def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
     standing = memory if held is None else replace(memory, avoided=Stamped(now, held))  # what is beside us stays there
     fault = _why_blind(inputs, now, settings)
     if fault is not None or inputs.obstacles is None or inputs.lane_pose is None:
-        return Decision(State.FAULT, 0.0, 0.0, 'stopping: %s' % fault), standing
+        decision = Decision(State.FAULT, 0.0, 0.0, 'stopping: %s' % fault)
+        return decision, replace(standing, stopped=Stamped(now, decision))  # a detector that starts anew sees late
     counted = sorted(
         (obstacle for obstacle in inputs.obstacles.value if in_region(obstacle, settings)),
         key=lambda obstacle: math.hypot(obstacle.x, obstacle.y),
     )
-    decision = _react(counted, inputs.lane_pose.value, settings) if counted else None
-    if decision is not None and held is not None and _contradicts(decision, held, settings):
-        decision = _stop(counted, 'while another one is being passed')
-    if decision is not None and decision.state is State.STOPPED:
-        return decision, replace(standing, stopped=Stamped(now, decision))
+    reaction = _react(counted, inputs.lane_pose.value, settings) if counted else None
+    if reaction is not None and held is not None:
+        reaction = _beside(reaction, held, counted, settings)
+    if reaction is not None and reaction.state is State.STOPPED:
+        return reaction, replace(standing, stopped=Stamped(now, reaction))
     stopped = _within(memory.stopped, now, settings.stop_hold)
     if stopped is not None and memory.stopped is not None:
         since = age(memory.stopped.stamp, now)
-        reason = 'waiting: nothing has blocked the lane for %.1f s of %.1f s' % (since, settings.stop_hold)
+        reason = 'waiting: no reason to stop for %.1f s of %.1f s' % (since, settings.stop_hold)
         return replace(stopped, reason=reason), standing
-    if decision is not None:
-        return decision, replace(memory, avoided=Stamped(now, decision))
+    if reaction is not None:
+        return reaction, replace(memory, avoided=Stamped(now, reaction))
     if held is not None:
         return replace(held, reason='passing: the obstacle is out of sight, keeping %+.3f m' % held.d_ref), memory
     return Decision(State.CLEAR, 0.0, settings.cruise_speed, 'clear: no obstacle in the lane'), memory
+
+
+def restamped(memory: Memory, now: int) -> Memory:
+    """The memory after the clock jumped back: what was held a moment ago is held from now on. now: ROS time in ns."""
+
+    def again(event: Optional[Stamped[Decision]]) -> Optional[Stamped[Decision]]:
+        return None if event is None else Stamped(now, event.value)
+
+    return Memory(again(memory.stopped), again(memory.avoided))
 
 
 def passing_offset(obstacle: Obstacle, pose: LanePose, settings: AvoidanceSettings) -> Optional[float]:
@@ -110,16 +120,19 @@ def _why_blind(inputs: Inputs, now: int, settings: AvoidanceSettings) -> Optiona
     return next((reason for reason in doubts if reason is not None), None)
 
 
-def _contradicts(decision: Decision, held: Decision, settings: AvoidanceSettings) -> bool:
-    """The obstacle that is passed now asks for the other side, or is not the one that was passed a moment ago.
+def _beside(reaction: Decision, held: Decision, counted: Sequence[Obstacle], settings: AvoidanceSettings) -> Decision:
+    """What to do about an obstacle while one is being passed, which may stand beside the robot, out of sight.
 
-    While the robot drives, an obstacle only comes nearer; one that is clearly farther is a second one, and the first
-    may still stand beside the robot, out of sight.
+    While the robot drives, an obstacle only comes nearer; one that is clearly farther is a second one. That stops the
+    robot, and so does one that asks for the other side. Otherwise the larger offset is kept until the hold is over:
+    steering back for what is measured now would hit what was measured before.
     """
-    if decision.obstacle is None or held.obstacle is None:
-        return False
-    another = decision.obstacle.x > held.obstacle.x + settings.same_obstacle
-    return another or decision.d_ref * held.d_ref < 0
+    if reaction.obstacle is None or held.obstacle is None or reaction.state is State.STOPPED:
+        return reaction
+    another = reaction.obstacle.x > held.obstacle.x + settings.same_obstacle
+    if another or reaction.d_ref * held.d_ref < 0:
+        return _stop(counted, 'while another one is being passed')
+    return replace(reaction, d_ref=max(reaction.d_ref, held.d_ref, key=abs))
 
 
 def _within(event: Optional[Stamped[Decision]], now: int, hold: float) -> Optional[Decision]:

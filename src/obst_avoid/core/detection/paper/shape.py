@@ -30,7 +30,7 @@ class Blob:
     @property
     def ratio(self) -> float:
         """Major / minor; infinite for a streak one pixel wide."""
-        return self.major / self.minor if self.minor > 0 else math.inf
+        return _ratio(self.major, self.minor)
 
 
 def find_blobs(mask: Array, kind: Kind, pixels_per_metre: float, settings: PaperSettings) -> List[Blob]:
@@ -44,14 +44,13 @@ def find_blobs(mask: Array, kind: Kind, pixels_per_metre: float, settings: Paper
     for region in regionprops(label(mask > 0, connectivity=2)):
         top, left, bottom, right = region.bbox
         box = Box(left, top, right, bottom)
-        area = float(region.area) * scale
-        if area < settings.smallest_area:
+        area, major, minor = float(region.area) * scale, 0.0, 0.0
+        if area < settings.smallest_area:  # most are: the eigenvalues are not worth their time
             refused = 'area %.0f px^2, at least %.0f' % (area, settings.smallest_area)
-            blobs.append(Blob(kind, box, region.coords[:, ::-1], area, 0.0, 0.0, refused))
-            continue
-        major, minor = (float(value) * scale for value in region.inertia_tensor_eigvals)
-        blob = Blob(kind, box, region.coords[:, ::-1], area, major, max(minor, 0.0), '')
-        blobs.append(Blob(kind, box, blob.pixels, area, major, blob.minor, _why_paint(blob, settings)))
+        else:
+            major, minor = (max(float(value), 0.0) * scale for value in region.inertia_tensor_eigvals)
+            refused = _why_paint(kind, major, minor, settings)
+        blobs.append(Blob(kind, box, region.coords[:, ::-1], area, major, minor, refused))
     return blobs
 
 
@@ -62,13 +61,18 @@ def confidence(blob: Blob, settings: PaperSettings) -> float:
     return blob.ratio / (blob.ratio + settings.cone_ratio)
 
 
-def _why_paint(blob: Blob, settings: PaperSettings) -> str:
-    if blob.kind is Kind.DUCKIE:
-        if blob.major > settings.duckie_eigenvalue:
+def _ratio(major: float, minor: float) -> float:
+    return major / minor if minor > 0 else math.inf
+
+
+def _why_paint(kind: Kind, major: float, minor: float, settings: PaperSettings) -> str:
+    if kind is Kind.DUCKIE:
+        if major > settings.duckie_eigenvalue:
             return ''
-        return 'first eigenvalue %.0f px^2, more than %.0f for a duckie' % (blob.major, settings.duckie_eigenvalue)
-    if not math.isfinite(blob.ratio):
+        return 'first eigenvalue %.0f px^2, more than %.0f for a duckie' % (major, settings.duckie_eigenvalue)
+    ratio = _ratio(major, minor)
+    if not math.isfinite(ratio):
         return 'one pixel wide: its ratio of eigenvalues says nothing'
-    if blob.ratio > settings.cone_ratio:
+    if ratio > settings.cone_ratio:
         return ''
-    return 'ratio of eigenvalues %.0f, more than %.0f for a cone' % (blob.ratio, settings.cone_ratio)
+    return 'ratio of eigenvalues %.0f, more than %.0f for a cone' % (ratio, settings.cone_ratio)
