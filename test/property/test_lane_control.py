@@ -11,7 +11,7 @@ from obst_avoid.core.types import Command, LanePose, Stamped
 from property.strategies import lane_poses, numbers
 
 NOW = 1_700_000_000_000_000_000
-references = st.builds(Reference, active=st.booleans(), d_ref=numbers(-0.1, 0.1), v_ref=numbers(0.0, 0.5))
+references = st.builds(Reference, active=st.booleans(), d_ref=numbers(-0.1, 0.1), v_ref=numbers(0.0, 1.0))
 
 
 def fresh(pose: LanePose, reference: Reference, settings: LaneControlSettings) -> Command:
@@ -25,7 +25,8 @@ def test_every_command_is_within_its_limits(
 ) -> None:
     answer = fresh(pose, reference, lane_control_settings)
     assert math.isfinite(answer.v) and abs(answer.omega) <= lane_control_settings.largest_omega
-    assert answer.v == (reference.v_ref if reference.active else lane_control_settings.cruise_speed)
+    wanted = reference.v_ref if reference.active else lane_control_settings.cruise_speed
+    assert answer.v == min(wanted, lane_control_settings.largest_speed)
     assert answer.v > 0 or answer.omega == 0, 'a robot that stands does not turn'
 
 

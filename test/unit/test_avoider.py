@@ -6,6 +6,7 @@ from typing import List, Optional, Sequence, Tuple
 import pytest
 
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide, passing_offset, restamped
+from obst_avoid.core.avoidance.region import footprint_centre
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.types import Decision, LanePose, Obstacle, Stamped, State
 
@@ -246,20 +247,6 @@ def test_a_fault_does_not_forget_what_is_being_passed(settings: AvoidanceSetting
     assert decide(Inputs(), memory, NOW, settings)[1].avoided == memory.avoided
 
 
-def test_after_a_jump_of_the_clock_all_is_held_anew(settings: AvoidanceSettings) -> None:
-    _, memory = decide(seen(MIDDLE), Memory(), NOW, settings)
-    earlier = NOW - 20 * MS
-    clear = Inputs(Stamped(earlier, ()), Stamped(earlier, LanePose(0.0, 0.0)))
-    assert decide(clear, restamped(memory, earlier), earlier, settings)[0].state is State.STOPPED
-    assert restamped(Memory(), earlier) == Memory()
-
-
-def test_while_one_is_passed_the_larger_offset_is_kept(settings: AvoidanceSettings) -> None:
-    first, second = run([(0, seen(RIGHT)), (100, seen(obstacle(0.3, -0.11)))], settings)
-    assert second.state is State.AVOIDING
-    assert second.d_ref == first.d_ref > 0
-
-
 # decide: what outlives a picture
 
 CLEAR, AVOID, STOP = State.CLEAR, State.AVOIDING, State.STOPPED
@@ -340,11 +327,25 @@ def test_the_reason_for_a_second_one(settings: AvoidanceSettings) -> None:
     assert stopped.reason == 'stopping: 1 obstacle in the lane, nearest 0.30 m, while another one is being passed'
 
 
-def test_the_offset_follows_the_obstacle(settings: AvoidanceSettings) -> None:
-    nearer = obstacle(0.25, -0.09)
-    _, second = run([(0, seen(RIGHT)), (100, seen(nearer))], settings)
-    expected = passing_offset(nearer, STRAIGHT, settings)
-    assert second.d_ref == pytest.approx(expected)
+@pytest.mark.parametrize('side', [-1, 1], ids=['right', 'left'])
+def test_the_offset_grows_with_what_is_measured_and_does_not_shrink(settings: AvoidanceSettings, side: int) -> None:
+    small, large = obstacle(0.25, 0.1 * side), obstacle(0.24, 0.085 * side)
+    first, grown, kept = run([(0, seen(small)), (100, seen(large)), (200, seen(small))], settings)
+    assert grown.d_ref == pytest.approx(passing_offset(large, STRAIGHT, settings))
+    assert first.d_ref * -side < grown.d_ref * -side == kept.d_ref * -side
+    assert (kept.state, kept.v_ref) == (State.AVOIDING, 0.12)
+    assert kept.reason.endswith('passing at %+.3f m' % kept.d_ref), 'the reason tells what is done'
+
+
+@pytest.mark.parametrize('side', [-1, 1], ids=['right', 'left'])
+def test_the_offset_kept_for_one_does_not_lead_into_another(settings: AvoidanceSettings, side: int) -> None:
+    # The second stands at the other edge of the lane: by itself it needs no offset, but it leaves no room for that of
+    # the first, which has dropped out of the view.
+    first, second = obstacle(0.3, 0.061 * side, 0.0), obstacle(0.35, -0.115 * side, 0.01)
+    assert passing_offset(second, STRAIGHT, settings) == 0
+    _, both = run([(0, seen(first)), (100, seen(second))], settings)
+    _, y = footprint_centre(second)
+    assert both.v_ref == 0 or abs(y - both.d_ref) >= 0.01 + 0.075
 
 
 def test_a_second_obstacle_on_the_same_side_does_not_lead_back_into_the_first(settings: AvoidanceSettings) -> None:
@@ -356,6 +357,34 @@ def test_a_second_obstacle_on_the_same_side_does_not_lead_back_into_the_first(se
     passing, both = run([(0, seen(first)), (300, seen(second))], settings)
     assert passing.d_ref == pytest.approx(needed)
     assert both.v_ref == 0 or both.d_ref >= needed - settings.margin
+
+
+# restamped
+
+
+def test_an_empty_memory_stays_empty() -> None:
+    assert restamped(Memory(), NOW) == Memory()
+
+
+@pytest.mark.parametrize('what, state, hold', [(MIDDLE, STOP, 1000), (RIGHT, AVOID, 3000)], ids=['a stop', 'a pass'])
+def test_what_is_held_survives_a_clock_that_jumps_back(
+    settings: AvoidanceSettings, what: Obstacle, state: State, hold: int
+) -> None:
+    _, memory = decide(seen(what), Memory(), NOW, settings)
+    early = NOW - 3_600_000 * MS
+    memory = restamped(memory, early)
+    for milliseconds, expected in ((0, state), (hold, state), (hold + 1, CLEAR)):
+        now = early + milliseconds * MS
+        assert decide(seen(at=now), memory, now, settings)[0].state is expected
+
+
+@pytest.mark.parametrize('what', [MIDDLE, RIGHT], ids=['a stop', 'a pass'])
+def test_what_ran_out_does_not_come_back_when_the_clock_jumps(settings: AvoidanceSettings, what: Obstacle) -> None:
+    _, memory = decide(seen(what), Memory(), NOW, settings)
+    later = NOW + 60_000 * MS
+    decision, memory = decide(seen(at=later), memory, later, settings)
+    assert decision.state is CLEAR
+    assert decide(seen(), restamped(memory, NOW), NOW, settings)[0].state is CLEAR
 
 
 def test_the_memory_given_is_left_alone(settings: AvoidanceSettings) -> None:

@@ -79,6 +79,12 @@ def test_a_homography_has_no_scale_of_its_own(tmp_path: Path, factor: float) -> 
     assert (loaded.homography @ (320, 479, 1))[2] > 0
 
 
+@pytest.mark.parametrize('form', ['flat', 'resolution-independent'])
+def test_the_frame_may_be_said(tmp_path: Path, form: str) -> None:
+    loaded = load_camera(tmp_path, CAMERA, form, extrinsic={'frame': 'robot'})
+    np.testing.assert_allclose(ground_of(loaded, CAMERA), ON_THE_ROAD[:, :2], atol=1e-9)
+
+
 def test_fields_of_the_intrinsic_file_arrive(tmp_path: Path) -> None:
     camera = replace(CAMERA, twist=2.0)
     loaded = load_camera(tmp_path, camera)
@@ -340,6 +346,7 @@ def test_each_bad_intrinsic_field_is_named(tmp_path: Path, changes: Dict[str, An
         pytest.param({'homography': [math.nan] + [1.0] * 8}, 'expected 9 numbers, all finite', id='NaN'),
         pytest.param({'homography': [0] * 9}, 'homography = [[0.0, 0.0, 0.0], ', id='zeros'),
         pytest.param({'homography': [1] * 9}, 'expected an invertible matrix', id='singular'),
+        pytest.param({'frame': 'camera'}, "frame = 'camera', expected robot", id='frame'),
         pytest.param(
             {'format': 'v2'}, "format = 'v2', expected resolution-independent, or no format for pixels", id='format'
         ),

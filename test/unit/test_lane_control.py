@@ -21,6 +21,7 @@ def settings(lane_control_settings: LaneControlSettings) -> LaneControlSettings:
     return replace(
         lane_control_settings,
         cruise_speed=0.2,
+        largest_speed=0.5,
         largest_omega=4.0,
         lane_pose_age_limit=0.4,
         reference_age_limit=0.4,
@@ -62,6 +63,7 @@ def test_which_way_it_turns(settings: LaneControlSettings, pose: LanePose, refer
         pytest.param(Reference(True, -0.03, 0.12), 0.12, 'tracking d_ref -0.030 m at 0.12 m/s', id='active'),
         pytest.param(Reference(True, 0.03, 0.0), 0.0, 'stopping: asked to by the avoider', id='asked to stop'),
         pytest.param(Reference(True, 0.03, -0.1), 0.0, 'stopping: asked to by the avoider', id='never backwards'),
+        pytest.param(Reference(True, 0.0, 0.9), 0.5, 'tracking d_ref +0.000 m at 0.50 m/s', id='asked to race'),
         pytest.param(Reference(False, 0.0, 0.0), 0.2, 'tracking', id='not active, speed of no meaning'),
     ],
 )

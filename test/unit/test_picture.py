@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from obst_avoid.core.picture import PictureError, check_picture, decode_jpeg
+from obst_avoid.core.picture import PictureError, check_picture, decode, decode_jpeg, encode_jpeg
 
 
 def painted(height: int = 48, width: int = 64) -> np.ndarray:
@@ -71,6 +71,34 @@ def test_a_whole_picture_decodes_with_padding_behind_its_end(padding: bytes) -> 
     picture = decode_jpeg(GOOD + padding)
     assert (picture.shape, picture.dtype) == ((48, 64, 3), np.uint8)
     assert np.abs(picture.astype(int) - painted()).mean() < 8, 'blue, green, red in this order'
+
+
+def test_files_of_other_formats_decode_too() -> None:
+    np.testing.assert_array_equal(decode(encoded(painted(), '.png')), painted())
+    assert decode(GOOD).shape == (48, 64, 3)
+
+
+@pytest.mark.parametrize(
+    'data, message',
+    [
+        pytest.param(b'', 'the picture of 0 bytes does not decode', id='empty'),
+        pytest.param(b'hello', 'the picture of 5 bytes does not decode', id='text'),
+        pytest.param(encoded(painted()[:, :, 0], '.png'), 'expected colour', id='a grey PNG'),
+        pytest.param(encoded(painted().astype(np.uint16), '.png'), 'of uint16, expected', id='a PNG of 16 bits'),
+        pytest.param(encoded(painted(8, 8), '.png'), 'the picture is 8x8, expected at least 16x16', id='a tiny PNG'),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(data: bytes, message: str) -> None:
+    with pytest.raises(PictureError) as refused:
+        decode(data)
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize('quality, error', [(95, 3), (50, 12)])
+def test_encoding_loses_little(quality: int, error: float) -> None:
+    back = decode_jpeg(encode_jpeg(painted(), quality))
+    assert np.abs(back.astype(int) - painted()).mean() < error
+    assert len(encode_jpeg(painted(), 95)) > len(encode_jpeg(painted(), 50))
 
 
 def test_the_smallest_picture_decodes() -> None:

@@ -221,6 +221,7 @@ def test_a_yaml_file_is_read_as_utf8(tmp_path: Path) -> None:
         pytest.param(b'a: !!python/object/apply:os.getcwd []\n', ' at line 1', id='code'),
         pytest.param(b'a: \xff\xfe\n', '', id='not UTF-8'),
         pytest.param(b'a: \x00\n', '', id='a NUL'),
+        pytest.param(b'[' * 20000, '', id='deeper than Python can go'),
         pytest.param(b'date: 2018-13-45\n', '', id='a date that does not exist'),
     ],
 )
