@@ -96,6 +96,7 @@ class Graph(Prepared):
     def test_hardly_any_fault_after_that(self) -> None:
         answered = [msg for msg in self.controls if nanoseconds(msg)]
         faults = [msg.reason for msg in answered if msg.state == LaneControl.FAULT]
+        faults = [reason for reason in faults if not reason.startswith('waiting')]  # the first second is waited out
         self.assertLess(len(faults), len(answered) / 10, faults[:5])
 
     def test_the_flag_says_what_lane_control_says(self) -> None:

@@ -203,6 +203,8 @@ def test_two_cameras_of_very_different_scale_decide_the_same(
     assert kinds[0] == kinds[1] == [('cone', False), ('cone', True), ('duckie', True)]
     for here, there in zip(*(sorted(found, key=lambda one: one.x) for found in decisions)):
         assert (there.x, there.y, there.radius) == pytest.approx((here.x, here.y, here.radius), abs=0.02)
+        if here.kind is Kind.DUCKIE:
+            assert there.confidence == pytest.approx(here.confidence, abs=0.05), 'from its first eigenvalue'
 
 
 # Which side of the white line

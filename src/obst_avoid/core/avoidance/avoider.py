@@ -10,6 +10,9 @@ from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.geometry import lane_from_robot
 from obst_avoid.core.types import Decision, LanePose, Obstacle, Stamped, State
 
+ROUNDING = 1e-9
+"""[m] by which a computed gap may miss the margin that it was computed from."""
+
 
 @dataclass(frozen=True)
 class Inputs:
@@ -40,7 +43,9 @@ def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
     Whatever is missing, stale or unclear ends in v_ref = 0 with the reason.
     Source: report, figure "Logic of one of the First Stages in Commissioning".
     """
+    stopped = _within(memory.stopped, now, settings.stop_hold)
     held = _within(memory.avoided, now, settings.avoid_hold)
+    memory = Memory(memory.stopped if stopped else None, memory.avoided if held else None)
     standing = memory if held is None else replace(memory, avoided=Stamped(now, held))  # what is beside us stays there
     fault = _why_blind(inputs, now, settings)
     if fault is not None or inputs.obstacles is None or inputs.lane_pose is None:
@@ -52,10 +57,9 @@ def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
     )
     reaction = _react(counted, inputs.lane_pose.value, settings) if counted else None
     if reaction is not None and held is not None:
-        reaction = _beside(reaction, held, counted, settings)
+        reaction = _beside(reaction, held, counted, inputs.lane_pose.value, settings)
     if reaction is not None and reaction.state is State.STOPPED:
         return reaction, replace(standing, stopped=Stamped(now, reaction))
-    stopped = _within(memory.stopped, now, settings.stop_hold)
     if stopped is not None and memory.stopped is not None:
         since = age(memory.stopped.stamp, now)
         reason = 'waiting: no reason to stop for %.1f s of %.1f s' % (since, settings.stop_hold)
@@ -68,7 +72,7 @@ def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
 
 
 def restamped(memory: Memory, now: int) -> Memory:
-    """The memory after the clock jumped back: what was held a moment ago is held from now on. now: ROS time in ns."""
+    """The memory after the clock jumped back: what was held is held from now on. now: ROS time in ns."""
 
     def again(event: Optional[Stamped[Decision]]) -> Optional[Stamped[Decision]]:
         return None if event is None else Stamped(now, event.value)
@@ -101,8 +105,12 @@ def _react(counted: Sequence[Obstacle], pose: LanePose, settings: AvoidanceSetti
     offset = passing_offset(nearest, pose, settings)
     if offset is None:
         return _stop(counted, 'no room to pass in a lane of %.2f m' % settings.lane_width)
-    reason = 'avoiding: 1 obstacle in the lane at %.2f m, passing at %+.3f m' % (nearest.x, offset)
-    return Decision(State.AVOIDING, offset, settings.avoid_speed, reason, nearest)
+    return _avoid(nearest, offset, settings)
+
+
+def _avoid(obstacle: Obstacle, offset: float, settings: AvoidanceSettings) -> Decision:
+    reason = 'avoiding: 1 obstacle in the lane at %.2f m, passing at %+.3f m' % (obstacle.x, offset)
+    return Decision(State.AVOIDING, offset, settings.avoid_speed, reason, obstacle)
 
 
 def _stop(counted: Sequence[Obstacle], why: str) -> Decision:
@@ -120,7 +128,13 @@ def _why_blind(inputs: Inputs, now: int, settings: AvoidanceSettings) -> Optiona
     return next((reason for reason in doubts if reason is not None), None)
 
 
-def _beside(reaction: Decision, held: Decision, counted: Sequence[Obstacle], settings: AvoidanceSettings) -> Decision:
+def _beside(
+    reaction: Decision,
+    held: Decision,
+    counted: Sequence[Obstacle],
+    pose: LanePose,
+    settings: AvoidanceSettings,
+) -> Decision:
     """What to do about an obstacle while one is being passed, which may stand beside the robot, out of sight.
 
     While the robot drives, an obstacle only comes nearer; one that is clearly farther is a second one. That stops the
@@ -129,10 +143,13 @@ def _beside(reaction: Decision, held: Decision, counted: Sequence[Obstacle], set
     """
     if reaction.obstacle is None or held.obstacle is None or reaction.state is State.STOPPED:
         return reaction
+    offset = max(reaction.d_ref, held.d_ref, key=abs)
+    x, y = footprint_centre(reaction.obstacle)
+    room = abs(lane_from_robot(x, y, pose)[1] - offset) - reaction.obstacle.radius - settings.robot_width / 2
     another = reaction.obstacle.x > held.obstacle.x + settings.same_obstacle
-    if another or reaction.d_ref * held.d_ref < 0:
+    if another or reaction.d_ref * held.d_ref < 0 or room < settings.margin - ROUNDING:
         return _stop(counted, 'while another one is being passed')
-    return replace(reaction, d_ref=max(reaction.d_ref, held.d_ref, key=abs))
+    return _avoid(reaction.obstacle, offset, settings)
 
 
 def _within(event: Optional[Stamped[Decision]], now: int, hold: float) -> Optional[Decision]:
