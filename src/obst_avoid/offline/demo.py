@@ -47,7 +47,14 @@ def _main(options: argparse.Namespace) -> int:
         drawn_bag.write(bag)
         call.append('bag:=' + bag)
     with open(os.path.join(output, 'log.txt'), 'w', encoding='utf-8') as log:
-        process = subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace')
+        process = subprocess.Popen(
+            call,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors='replace',
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},  # or the nodes' words come when all is over
+        )
         assert process.stdout is not None
         over = False
         for line in process.stdout:
