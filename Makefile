@@ -10,7 +10,7 @@ DEVEL := $(ENV) source $(BUILD)/devel/setup.bash;
 .PHONY: help setup build demo test bench lint clean
 
 help:
-	@echo 'make demo    see it run      (IMAGES=folder: on your own pictures)'
+	@echo 'make demo    see it drive     (RVIZ=1: in rviz too; IMAGES=folder: on your own pictures)'
 	@echo 'make test    test everything'
 	@echo 'make bench   time each stage (IMAGES=folder: on your own pictures)'
 	@echo 'make lint    check style and types'
@@ -24,7 +24,7 @@ build: setup
 
 demo: build
 	@$(DEVEL) rosrun obst_avoid demo --output $(BUILD)/demo $(if $(IMAGES),--images '$(IMAGES)') \
-	  $(if $(CALIBRATION),--calibration '$(CALIBRATION)') $(if $(VEHICLE),--vehicle '$(VEHICLE)')
+	  $(if $(CALIBRATION),--calibration '$(CALIBRATION)') $(if $(VEHICLE),--vehicle '$(VEHICLE)') $(if $(RVIZ),--rviz)
 
 test: build
 	@$(DEVEL) test/run $(BUILD)

@@ -11,4 +11,5 @@ setup(
     packages=find_packages('src'),
     package_dir={'': 'src'},
     install_requires=['numpy>=1.17', 'opencv-python-headless>=4.2,<5', 'scikit-image>=0.16', 'PyYAML'],
+    extras_require={'sim': ['moderngl', 'shapely', 'scipy']},
 )

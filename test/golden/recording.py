@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
 from unit import shipped
+from unit.drawn import RobotPose, Scene, draw
 from unit.scenes import cone, duckie
 
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.detection import detect, start
 from obst_avoid.core.types import Decision, Obstacle, Stamped
-from obst_avoid.sim.drawn import RobotPose, Scene, draw
 
 PATH = Path(__file__).with_name('drawn_approach.json')
 START = 1_000_000_000_000

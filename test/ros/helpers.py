@@ -8,6 +8,7 @@ import functools
 import os
 import socket
 import subprocess
+import sys
 import threading
 import time
 import unittest
@@ -26,7 +27,9 @@ from std_msgs.msg import Header
 from obst_avoid.core.calibration import Calibration, load_calibration
 from obst_avoid.core.picture import encode_jpeg
 from obst_avoid.core.types import Kind
-from obst_avoid.sim.drawn import RobotPose, Scene, Thing, draw
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # a rostest finds its own folder only
+from unit.drawn import RobotPose, Scene, Thing, draw
 
 T = TypeVar('T')
 

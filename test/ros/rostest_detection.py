@@ -1,9 +1,8 @@
 #!/usr/bin/env python3
-"""The drawn drive through the detector: what is on the wire is compared with what was drawn."""
+"""The simulated drive through the detector: what is on the wire is compared with what stood there."""
 
-import math
 import sys
-from typing import List, Tuple
+from typing import List
 
 import rosbag
 import rospy
@@ -13,11 +12,12 @@ from helpers import ANSWER, REPOSITORY, START, Inbox, Prepared, default_calibrat
 
 from obst_avoid.core.bird_view import BirdViewSettings, ground_from_bird, make_bird_view
 from obst_avoid.core.settings import load, read_yaml
-from obst_avoid.offline import drawn_bag
-from obst_avoid.sim.drawn import Thing, robot_from_world
+from obst_avoid.offline import simulated_bag
+from obst_avoid.sim.things import foot
 
 BIRD_VIEW = read_yaml(str(REPOSITORY / 'config' / 'bird_view.yaml'))
-PICTURES = '/drawn/camera_node/image/compressed'
+DRIVE = simulated_bag.scripted()
+PICTURES = '/simulated/camera_node/image/compressed'
 FEWEST = 70
 """Of 210 pictures. The detector takes the newest and drops the others, on a busy machine many."""
 RATES = (1.0, 0.4)
@@ -35,14 +35,6 @@ def seconds_of(msg: PoseArray) -> float:
     return nanoseconds(msg) / 1e9 - 1.0
 
 
-def true_place(thing: Thing, seconds: float) -> Tuple[float, float]:
-    """(x, y) [m] of the point of a thing's footprint that is nearest the robot."""
-    _, pose = drawn_bag.at(seconds)
-    x, y = robot_from_world(thing.x, thing.y, pose)
-    near = 1 - thing.radius / math.hypot(x, y)
-    return x * near, y * near
-
-
 class Detection(Prepared):
     stamps: List[int]
     lists: List[PoseArray]
@@ -52,7 +44,7 @@ class Detection(Prepared):
         bag = rospy.get_param('~bag')
         with rosbag.Bag(bag) as content:
             cls.stamps = [nanoseconds(msg) for _, msg, _ in content.read_messages(topics=[PICTURES])]
-        inbox = Inbox('/drawn/obstacle_detection_node/posearray', PoseArray).connected()
+        inbox = Inbox('/simulated/obstacle_detection_node/posearray', PoseArray).connected()
         for rate in RATES:
             before = len(inbox.all())
             options = ['-q', '--clock', '--wait-for-subscribers', '-d', '1', '-r', str(rate), '--topics', PICTURES]
@@ -74,37 +66,37 @@ class Detection(Prepared):
         self.assertEqual(sorted(stamps), stamps)
 
     def test_the_frame_is_the_robots(self) -> None:
-        self.assertEqual({msg.header.frame_id for msg in self.lists}, {'drawn/footprint'})
+        self.assertEqual({msg.header.frame_id for msg in self.lists}, {'simulated/footprint'})
 
     def test_an_empty_list_is_published_when_nothing_is_there(self) -> None:
         self.assertEqual([msg.poses for msg in self.lists if seconds_of(msg) > EMPTY and msg.poses], [])
 
-    def test_the_blocking_duckie_is_in_the_lane_and_where_it_was_drawn(self) -> None:
+    def test_the_blocking_duckie_is_in_the_lane_and_where_it_stood(self) -> None:
         seen = 0
         for msg in self.lists:
             seconds = seconds_of(msg)
-            x, y = true_place(drawn_bag.BLOCKING, seconds)
-            if not SETTLED < seconds < drawn_bag.DUCKIE_GONE - SETTLED or x > RANGE:
+            true = foot(DRIVE.blocking, DRIVE.at(seconds)[1])
+            if not SETTLED < seconds < simulated_bag.DUCKIE_GONE - SETTLED or true.x > RANGE:
                 continue
             near = [pose.position for pose in msg.poses if abs(pose.position.y) < 0.07]
             if len(near) != 1:  # a flicker, or dropped pictures made the tracker start anew
                 continue
             seen += 1
-            self.assertAlmostEqual(near[0].x, x, delta=0.05, msg='%.2f s into the drive' % seconds)
-            self.assertAlmostEqual(near[0].y, y, delta=0.03, msg='%.2f s into the drive' % seconds)
+            self.assertAlmostEqual(near[0].x, true.x, delta=0.05, msg='%.2f s into the drive' % seconds)
+            self.assertAlmostEqual(near[0].y, true.y, delta=0.03, msg='%.2f s into the drive' % seconds)
             self.assertGreater(near[0].z, 0, '%.2f s into the drive' % seconds)
-            self.assertAlmostEqual(near[0].z, drawn_bag.BLOCKING.radius, delta=0.02)
+            self.assertAlmostEqual(near[0].z, true.radius, delta=0.02)
         self.assertGreaterEqual(seen, 10)
 
     def test_the_duckie_that_went_away_is_not_seen_any_more(self) -> None:
         for msg in self.lists:
-            if drawn_bag.DUCKIE_GONE + 0.1 < seconds_of(msg) < drawn_bag.DRIVES_ON:
+            if simulated_bag.DUCKIE_GONE + 0.1 < seconds_of(msg) < simulated_bag.DRIVES_ON:
                 self.assertEqual([pose for pose in msg.poses if abs(pose.position.y) < 0.07], [])
 
     def test_the_cone_beyond_the_white_line_is_outside(self) -> None:
         outside = 0
         for msg in self.lists:
-            if SETTLED < seconds_of(msg) < drawn_bag.DRIVES_ON:
+            if SETTLED < seconds_of(msg) < simulated_bag.DRIVES_ON:
                 beyond = [pose.position for pose in msg.poses if pose.position.y < -0.2]
                 outside += len(beyond)
                 self.assertEqual([place for place in beyond if place.z >= 0], [])

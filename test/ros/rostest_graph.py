@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The drawn drive through the whole graph: stop before the duckie, release when it is gone, pass the one beside."""
+"""The simulated drive through the whole graph: stop before the duckie, release when it is gone, pass the one beside."""
 
 import itertools
 import json

@@ -14,6 +14,7 @@ import pytest
 import rosbag
 from helpers import DUCKIE, REPOSITORY, SCENE, default_calibration, jpeg_of, nanoseconds, picture_of, run_program
 from sensor_msgs.msg import Image
+from unit.drawn import Scene, Thing
 
 from obst_avoid import msg as messages
 from obst_avoid.core import detection
@@ -25,13 +26,13 @@ from obst_avoid.offline import (
     bench,
     demo,
     detect_images,
-    drawn_bag,
     images_to_bag,
     recording,
     run_bag,
     show_steps,
+    simulated_bag,
 )
-from obst_avoid.sim.drawn import Scene, Thing
+from obst_avoid.sim.renderer import RenderError
 
 DEFAULT = ['--calibration', str(REPOSITORY / 'config' / 'calibrations'), '--vehicle', 'default']
 TOOLS = {
@@ -39,16 +40,16 @@ TOOLS = {
     'bench': bench,
     'demo': demo,
     'detect_images': detect_images,
-    'drawn_bag': drawn_bag,
     'images_to_bag': images_to_bag,
     'run_bag': run_bag,
     'show_steps': show_steps,
+    'simulated_bag': simulated_bag,
 }
 CONE = SCENE.things[1]
 PICTURES = 210
-"""In the drawn bag."""
+"""In the simulated bag."""
 CHECKED = 100
-"""Pictures of the drawn bag, up to where the stop is only remembered."""
+"""Pictures of the simulated bag, up to where the stop is only remembered."""
 
 
 @pytest.fixture(scope='module')
@@ -64,13 +65,13 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The drawn drive: the one that the build has made, or a new one."""
+    """The simulated drive: the one that the build has made, or a new one."""
     for prefix in os.environ.get('CMAKE_PREFIX_PATH', '').split(':'):
-        made = Path(prefix).parent / 'test_data' / 'drawn.bag'
+        made = Path(prefix).parent / 'test_data' / 'simulated.bag'
         if prefix and made.exists():
             return str(made)
-    path = str(tmp_path_factory.mktemp('bag') / 'drawn.bag')
-    drawn_bag.write(path)
+    path = str(tmp_path_factory.mktemp('bag') / 'simulated.bag')
+    simulated_bag.write(path)
     return path
 
 
@@ -393,7 +394,7 @@ class TestBagsAndImages:
     def test_pictures_of_one_stamp_are_all_kept(self, bag: str, tmp_path: Path) -> None:
         source, folder = str(tmp_path / 'same.bag'), tmp_path / 'out'
         with rosbag.Bag(bag) as old, rosbag.Bag(source, 'w') as new:
-            topic = '/drawn/camera_node/image/compressed'
+            topic = '/simulated/camera_node/image/compressed'
             for index, (_, msg, time) in enumerate(old.read_messages(topics=[topic])):
                 msg.header.stamp.secs = msg.header.stamp.nsecs = 0
                 new.write(topic, msg, time)
@@ -403,7 +404,7 @@ class TestBagsAndImages:
         assert len(os.listdir(folder)) == 3
 
     def test_a_topic_that_is_no_picture(self, bag: str, tmp_path: Path, sentence: Callable[[str], str]) -> None:
-        topic = '/drawn/lane_filter_node/lane_pose'
+        topic = '/simulated/lane_filter_node/lane_pose'
         assert bag_to_images.main([bag, '--output', str(tmp_path), '--topic', topic]) == 1
         assert 'has no pictures' in sentence('bag_to_images')
 
@@ -411,7 +412,7 @@ class TestBagsAndImages:
 class TestRunBag:
     @pytest.fixture(scope='class')
     def ran(self, bag: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-        """Folder with what run_bag wrote of the drawn drive."""
+        """Folder with what run_bag wrote of the simulated drive."""
         folder = tmp_path_factory.mktemp('ran')
         call = [*DEFAULT, bag, '--output', str(folder / 'out.bag'), '--json', str(folder / 'summary.json')]
         assert run_bag.main(call) == 0
@@ -435,11 +436,11 @@ class TestRunBag:
                 name: (info.msg_type, info.message_count) for name, info in content.get_type_and_topic_info()[1].items()
             }
             stamps = {name: [nanoseconds(msg) for _, msg, _ in content.read_messages(topics=[name])] for name in topics}
-        prefix = '/drawn/obstacle_avoidance_node/'
+        prefix = '/simulated/obstacle_avoidance_node/'
         flag_type = topics[prefix + 'obstacle_avoidance_active_flag'][0]
         assert flag_type in ('obst_avoid/BoolStamped', 'duckietown_msgs/BoolStamped')
         assert topics == {
-            '/drawn/obstacle_detection_node/posearray': ('geometry_msgs/PoseArray', PICTURES),
+            '/simulated/obstacle_detection_node/posearray': ('geometry_msgs/PoseArray', PICTURES),
             prefix + 'lane_control': ('obst_avoid/LaneControl', PICTURES),
             prefix + 'obstacle_avoidance_active_flag': (flag_type, PICTURES),
         }
@@ -464,7 +465,8 @@ class TestRunBag:
                     if len(wanted) == CHECKED:
                         break
         with rosbag.Bag(str(ran / 'out.bag')) as content:
-            found = [msg for _, msg, _ in content.read_messages(topics=['/drawn/obstacle_avoidance_node/lane_control'])]
+            topics = ['/simulated/obstacle_avoidance_node/lane_control']
+            found = [msg for _, msg, _ in content.read_messages(topics=topics)]
         assert {state for state, _, _, _ in wanted} == {0, 3}
         for msg, (state, d_ref, v_ref, reason) in zip(found, wanted):
             assert (msg.state, msg.reason) == (state, reason)
@@ -607,6 +609,20 @@ def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
         for values in figures.values():
             assert 0 < values['median_ms'] <= values['p95_ms'] <= values['p99_ms']
     assert 'x decoding' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(('module', 'arguments'), [(simulated_bag, ['x.bag']), (bench, [])])
+def test_without_opengl(
+    module: Any, arguments: List[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sentence: Callable[[str], str]
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise RenderError('OpenGL is not to be had')
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(simulated_bag, 'Renderer', refuse)
+    assert module.main(arguments) == 1
+    assert 'OpenGL is not to be had' in sentence(module.__name__.split('.')[-1])
+    assert not (tmp_path / 'x.bag').exists()
 
 
 def test_bench_of_nothing(capsys: pytest.CaptureFixture) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.detection.paper.shape import Blob
 from obst_avoid.core.types import Box, Kind
-from obst_avoid.sim import drawn
+from unit import drawn
 
 SCALE = 140.0
 """[px/m] the reference scale of the shipped settings, so that sizes in the tests read as those in the YAML."""

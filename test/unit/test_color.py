@@ -7,7 +7,7 @@ import pytest
 from obst_avoid.core.detection.paper.color import correct, estimate_correction, in_color
 from obst_avoid.core.detection.paper.settings import ColorRange
 from obst_avoid.core.detection.settings import DetectionSettings
-from obst_avoid.sim import drawn
+from unit import drawn
 
 
 def ramps(low: tuple, high: tuple) -> np.ndarray:

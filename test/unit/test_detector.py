@@ -14,7 +14,7 @@ from obst_avoid.core.detection.paper.settings import PaperSettings
 from obst_avoid.core.detection.paper.shape import Blob
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.types import Box, Kind, Obstacle, no_trace
-from obst_avoid.sim import drawn
+from unit import drawn
 from unit.cameras import Camera, calibration_of
 from unit.scenes import cone, duckie, picture_of
 

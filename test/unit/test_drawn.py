@@ -1,4 +1,4 @@
-"""sim.drawn: the drawn world must be where the tests that rest on it believe it to be."""
+"""drawn.py: the drawn world must be where the tests that rest on it believe it to be."""
 
 import math
 from typing import Tuple
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from obst_avoid.core.types import Kind, LanePose
-from obst_avoid.sim import drawn
-from obst_avoid.sim.drawn import RobotPose, Scene, Thing, draw, robot_from_world
+from unit import drawn
 from unit.cameras import Camera, calibration_of
+from unit.drawn import RobotPose, Scene, Thing, draw, robot_from_world
 from unit.scenes import cone, duckie, picture_of
 
 CAMERA = Camera(roll=2.0)

@@ -43,7 +43,7 @@ def number(
             raise SettingsError('%s = %r, expected %s' % (where, value, wanted))
         return float(value)
 
-    return _field(check)
+    return checked(check)
 
 
 def integers(count: int, at_least: int, at_most: int) -> Any:
@@ -57,7 +57,7 @@ def integers(count: int, at_least: int, at_most: int) -> Any:
             )
         return tuple(value)
 
-    return _field(check)
+    return checked(check)
 
 
 def integer(at_least: int) -> Any:
@@ -68,7 +68,7 @@ def integer(at_least: int) -> Any:
             raise SettingsError('%s = %r, expected a whole number >= %d' % (where, value, at_least))
         return value
 
-    return _field(check)
+    return checked(check)
 
 
 def choice(*names: str) -> Any:
@@ -79,7 +79,7 @@ def choice(*names: str) -> Any:
             raise SettingsError('%s = %r, expected one of: %s' % (where, value, ', '.join(names)))
         return str(value)
 
-    return _field(check)
+    return checked(check)
 
 
 def text() -> Any:
@@ -90,7 +90,7 @@ def text() -> Any:
             raise SettingsError('%s = %r, expected text' % (where, value))
         return value
 
-    return _field(check)
+    return checked(check)
 
 
 def flag() -> Any:
@@ -101,12 +101,12 @@ def flag() -> Any:
             raise SettingsError('%s = %r, expected true or false' % (where, value))
         return value
 
-    return _field(check)
+    return checked(check)
 
 
 def group(settings: Type[Any]) -> Any:
     """A field that holds a settings class of its own, a nested mapping in YAML."""
-    return _field(lambda value, where: load(settings, value, where))
+    return checked(lambda value, where: load(settings, value, where))
 
 
 def load(settings: Type[S], mapping: Any, where: str) -> S:
@@ -148,5 +148,6 @@ def read_yaml(path: str) -> Any:
         raise SettingsError('%s does not parse as YAML%s' % (path, line)) from error
 
 
-def _field(check: Callable[[Any, str], Any]) -> Any:
+def checked(check: Callable[[Any, str], Any]) -> Any:
+    """A field with a check of its own: it gets the value and its full name, and returns what the field shall hold."""
     return dataclasses.field(metadata={_CHECK: check})

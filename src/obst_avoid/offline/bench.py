@@ -12,14 +12,15 @@ import numpy as np
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import Calibration, load_calibration
 from obst_avoid.core.picture import decode_jpeg, encode_jpeg
-from obst_avoid.core.types import Kind
 from obst_avoid.offline import tool
 from obst_avoid.offline.pictures import read_jpeg
-from obst_avoid.sim.drawn import RobotPose, Scene, Thing, draw
+from obst_avoid.offline.simulated_bag import Camera, stands, straight_road
+from obst_avoid.sim.renderer import Scene
+from obst_avoid.sim.town import pose_at
 
 WARM_UP = 20
-DRAWN = 20
-"""Different drawn pictures; they are repeated to make up the number wanted."""
+RENDERED = 20
+"""Different rendered pictures; they are repeated to make up the number wanted."""
 DECODE, TOTAL = 'decode', 'detector, without decoding'
 WORDS = {
     'corrected': 'colour correction, every pixel',
@@ -39,7 +40,7 @@ def main(arguments: Any = None) -> int:
     tool.add_calibration_arguments(parser)
     parser.add_argument('--count', type=tool.count, default=200, help='pictures that are timed (default: 200)')
     parser.add_argument('--output', metavar='FILE', help='write the figures there, as JSON')
-    parser.add_argument('paths', metavar='PATH', nargs='*', help='pictures or folders; without any, pictures are drawn')
+    parser.add_argument('paths', metavar='PATH', nargs='*', help='pictures or folders; without any, they are rendered')
     return tool.run(_main, parser, arguments)
 
 
@@ -49,7 +50,7 @@ def _main(options: argparse.Namespace) -> int:
         pictures = [read_jpeg(path) for path in tool.picture_files(options.paths)[: options.count]]
     else:
         calibration = load_calibration(os.path.join(tool.package_folder(), 'config/calibrations'), 'default')
-        pictures = [_drawn(calibration, index) for index in tool.progress(range(DRAWN), 'drawing')]
+        pictures = _rendered(calibration)
     detector = detection.start(calibration, tool.detection_settings(options))
     result: Dict[str, Any] = {'pictures': options.count, 'opencv': cv2.__version__, 'threads': {}}
     for threads in (1, cv2.getNumThreads()):
@@ -113,11 +114,18 @@ def _print(figures: Dict[str, Dict[str, float]], threads: int, count: int) -> No
         print('%-38s %8.3f %8.3f %8.3f %12.2f' % row)
 
 
-def _drawn(calibration: Calibration, index: int) -> bytes:
-    things = (
-        Thing(Kind.DUCKIE, 0.5 + 0.02 * index, 0.02),
-        Thing(Kind.CONE, 0.8, -0.08, 0.07),
-        Thing(Kind.DUCKIE, 0.6, -0.25),
-    )
-    picture = draw(Scene(things, stop_line=0.9), calibration, RobotPose(0.01 * index, 0.01, 0.03), index)
-    return encode_jpeg(picture)
+def _rendered(calibration: Calibration) -> List[bytes]:
+    """A robot drives towards a duckie, a cone in its lane and a duckie beyond the white line."""
+    camera, (town, route) = Camera(calibration), straight_road()
+    pictures = []
+    for index in tool.progress(range(RENDERED), 'rendering'):
+        things = (
+            stands(route, 'duckie', 1.5 + 0.02 * index, 0.02, 0.05),
+            stands(route, 'cone', 1.8, -0.08, 0.07),
+            stands(route, 'duckie', 1.6, -0.25, 0.05),
+        )
+        scene, pose = Scene(town, things), pose_at(route, 1.0 + 0.01 * index, 0.01, 0.03)
+        if not index:
+            camera.settle(scene, pose)
+        pictures.append(encode_jpeg(camera.take(scene, pose, index)))
+    return pictures

@@ -1,4 +1,4 @@
-"""demo: the whole graph on the drawn drive, or on the user's pictures; a summary and a contact sheet at the end."""
+"""demo: a drive through the simulated town in the real ROS graph, or the user's pictures; what happened, at the end."""
 
 import argparse
 import json
@@ -6,81 +6,111 @@ import os
 import socket
 import subprocess
 import sys
-from typing import Any
+from typing import Any, Dict, List
 
-from obst_avoid.offline import drawn_bag, tool
+from obst_avoid.offline import tool
+from obst_avoid.offline.drive_report import report
 from obst_avoid.offline.summary import table
+
+SHOWN = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', 'Traceback', 'Error')
+LAST_WORDS = ('the drive is over', 'the recording is over')
 
 
 def main(arguments: Any = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(
         prog='demo',
-        description='Play a drawn drive, or your pictures, through detector, avoider, visualizer and controller.',
+        description='Drive through the simulated town, or play your pictures, with all nodes; exit code 0 only if the '
+        'robot touched nothing and stopped where it had to.',
     )
-    parser.add_argument('--output', metavar='DIR', required=True, help='folder for summary.json and contact_sheet.png')
-    parser.add_argument('--images', metavar='DIR', help='play the pictures of a folder instead of the drawn drive')
-    parser.add_argument(
-        '--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/'
-    )
-    parser.add_argument('--vehicle', metavar='NAME', default='demo', help='robot whose calibration is used')
+    tool.add_calibration_arguments(parser)
+    parser.add_argument('--output', metavar='DIR', required=True, help='folder for film, plot, summary and log')
+    parser.add_argument('--images', metavar='DIR', help='play the pictures of a folder instead of driving')
+    parser.add_argument('--rviz', action='store_true', help='open rviz')
     return tool.run(_main, parser, arguments)
 
 
 def _main(options: argparse.Namespace) -> int:
-    output = os.path.abspath(options.output)
+    output = options.output = os.path.abspath(options.output)
     os.makedirs(output, exist_ok=True)
-    for name in ('summary.json', 'contact_sheet.png'):  # of an earlier demo: must not pass for this one's
+    made = (
+        'summary.json',
+        'contact_sheet.png',
+        'drive.bag',
+        'drive.bag.active',
+        'drive.json',
+        'drive.mp4',
+        'drive.png',
+    )
+    for name in made:  # of an earlier demo: must not pass for this one's
         if os.path.exists(os.path.join(output, name)):
             os.remove(os.path.join(output, name))
-    call = ['roslaunch', '--port', str(_free_port()), 'obst_avoid', 'demo.launch', 'output:=' + output]
-    call += [
-        'veh:=' + options.vehicle,
+    arguments = [
+        'veh:=' + (options.vehicle or 'demo'),
         'calibration_dir:=' + (options.calibration and os.path.abspath(options.calibration)),
+        'rviz:=%s' % str(options.rviz).lower(),
     ]
+    if options.profile:
+        arguments.append('profile:=' + options.profile)
+    log = os.path.join(output, 'log.txt')
     if options.images:
         tool.picture_files([options.images])
-        call.append('images:=' + os.path.abspath(options.images))
+        arguments += ['images:=' + os.path.abspath(options.images), 'output:=' + output]
+        _launch(['replay.launch', 'allow_default_calibration:=true'] + arguments, log)
+        summary = _read(os.path.join(output, 'summary.json'), log)
+        faults: List[str] = []
     else:
-        bag = os.path.join(output, 'drawn.bag')
-        print('drawing the drive: %s' % bag, flush=True)
-        drawn_bag.write(bag)
-        call.append('bag:=' + bag)
-    with open(os.path.join(output, 'log.txt'), 'w', encoding='utf-8') as log:
+        options.bag = os.path.join(output, 'drive.bag')
+        _launch(['demo.launch', 'bag:=' + options.bag] + arguments, log)
+        if not os.path.exists(options.bag):
+            raise tool.ToolError('the drive ended without a recording, see %s' % log)
+        print('\nmaking film and plot of the drive', flush=True)
+        summary = report(options)
+        faults = _faults(summary, log)
+    print('\n' + table(summary) + '\n\nFilm, plot and log: %s' % output)
+    for fault in faults:
+        print('demo: %s' % fault, file=sys.stderr)
+    return 1 if faults else 0
+
+
+def _faults(summary: Dict[str, Any], log: str) -> List[str]:
+    """What the drive should have been and was not."""
+    faults = []
+    if summary.get('contacts', 1):
+        faults.append('the robot touched an obstacle, expected that it does not')
+    if not summary.get('stops_before_an_obstacle') or not summary['releases']:
+        faults.append('the robot did not stop for the duckie in its lane and drive on later, expected both')
+    with open(log, encoding='utf-8') as file:
+        if 'the goal is reached' not in file.read():
+            faults.append('the robot did not reach the end of its way in time, expected that it does')
+    return faults
+
+
+def _launch(call: List[str], log_path: str) -> None:
+    """Run a launch file to its end on a master of its own; show the nodes' own words, and keep everything in the log."""
+    command = ['roslaunch', '--port', str(_free_port()), 'obst_avoid'] + call
+    environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}  # or the nodes' words come when all is over
+    with open(log_path, 'w', encoding='utf-8') as log:
         process = subprocess.Popen(
-            call,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors='replace',
-            env={**os.environ, 'PYTHONUNBUFFERED': '1'},  # or the nodes' words come when all is over
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace', env=environment
         )
         assert process.stdout is not None
         over = False
         for line in process.stdout:
             log.write(line)
-            over = over or 'the recording is over' in line  # what follows is the nodes' ending
-            if _worth_showing(line) and not over:
+            if not over and any(mark in line for mark in SHOWN):
                 print(line.rstrip(), flush=True)
+            over = over or any(words in line for words in LAST_WORDS)  # what follows is the nodes' ending
         process.wait()
+
+
+def _read(path: str, log: str) -> Dict[str, Any]:
     try:
-        with open(os.path.join(output, 'summary.json'), encoding='utf-8') as file:
-            summary = json.load(file)
+        with open(path, encoding='utf-8') as file:
+            summary: Dict[str, Any] = json.load(file)
+            return summary
     except OSError as error:
-        raise tool.ToolError('the drive ended without a summary, see %s' % log.name) from error
-    print('\n' + table(summary) + '\n\nPictures and log: %s' % output)
-    if not options.images and not (summary['stops'] and summary['releases']):
-        print(
-            'demo: %d stops and %d releases, expected at least one of each' % (summary['stops'], summary['releases']),
-            file=sys.stderr,
-        )
-        return 1
-    return 0
-
-
-def _worth_showing(line: str) -> bool:
-    """What a person wants to see of the graph's output: the nodes' own words, warnings and errors."""
-    return any(mark in line for mark in ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', 'Traceback', 'Error'))
+        raise tool.ToolError('the drive ended without a summary, see %s' % log) from error
 
 
 def _free_port() -> int:

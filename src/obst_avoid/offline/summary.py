@@ -42,6 +42,6 @@ def table(summary: Dict[str, Any]) -> str:
     """The summary for a terminal."""
     lines: List[str] = []
     for name, value in summary.items():
-        words = name.replace('_ms', ' [ms]').replace('_', ' ')
-        lines.append('  %-22s %s' % (words, 'none' if value is None else value))
+        words = name.replace('_ms', ' [ms]').replace('_gap_m', '_gap [m]').replace('_', ' ')
+        lines.append('  %-25s %s' % (words, 'none' if value is None else value))
     return '\n'.join(lines)

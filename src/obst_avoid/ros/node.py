@@ -94,7 +94,8 @@ def every(period: float, function: Callable[[], None]) -> None:
 
     def step() -> None:
         time.sleep(period)
-        function()
+        if not rospy.is_shutdown():
+            function()
 
     in_background(step)
 
@@ -106,6 +107,8 @@ def _guarded(function: Callable[[], None]) -> None:
         except NodeError as error:
             _end('%s' % error)
         except Exception:  # the last line of defence; it ends the node
+            if rospy.is_shutdown():  # what a thread meets then, a closed topic for example, is no fault of its own
+                return
             _end('ending after an unexpected error:\n%s' % traceback.format_exc())
 
     threading.Thread(target=target, daemon=True).start()

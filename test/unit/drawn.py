@@ -1,4 +1,4 @@
-"""Drawn scenes: a straight road with flat-coloured duckies and cones, for tests and for the first demo.
+"""Drawn scenes: a straight road with flat-coloured duckies and cones, for tests that need no simulator.
 
 World frame: x along the lane, y left, origin on the lane's centre line, z up.
 """

@@ -1,0 +1,217 @@
+"""run_scenarios: many drives in the simulated town, in lockstep without ROS, and what came of them."""
+
+import argparse
+import json
+import math
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, replace
+from multiprocessing import get_context
+from typing import Any, Dict, List, Optional, Sequence
+
+import cv2
+import numpy as np
+from scipy.stats import beta
+
+from obst_avoid.core.bird_view import make_bird_view
+from obst_avoid.offline import tool
+from obst_avoid.offline.simulation import (
+    add_robot_arguments,
+    film_of,
+    robot_of,
+    simulation_settings,
+    towns_folder,
+    write_film,
+)  # fmt: skip
+from obst_avoid.sim.episode import Frame, Outcome, run
+from obst_avoid.sim.renderer import Renderer, RenderError
+from obst_avoid.sim.scenario import load_scenario
+
+FILM_RATE = 10.0
+
+
+def main(arguments: Any = None) -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        prog='run_scenarios',
+        description='Drive scenarios in the simulated town. Exit code 0 says that they ran, not that all went well.',
+    )
+    add_robot_arguments(parser)
+    parser.add_argument('--count', type=tool.count, default=1, help='episodes of each scenario (default: 1)')
+    parser.add_argument(
+        '--seed', type=int, default=1, help='of the first episode; the next one has the next (default: 1)'
+    )
+    parser.add_argument('--jobs', type=tool.count, default=1, help='episodes at the same time (default: 1)')
+    parser.add_argument('--pose-errors', metavar='NAME', help='of simulation.yaml, instead of what the scenarios name')
+    parser.add_argument('--light', metavar='COLOR', help='of the lamps, instead of what the scenarios name')
+    parser.add_argument('--picture-rate', metavar='HZ', type=tool.rate, help='instead of that of simulation.yaml')
+    parser.add_argument('--output', metavar='DIR', help='folder for scenarios.json, and films of what failed')
+    parser.add_argument('--films', choices=('failures', 'all', 'none'), default='failures', help='(default: failures)')
+    parser.add_argument(
+        'scenarios', metavar='SCENARIO', nargs='*', help='YAML files, or names of config/scenarios; without any: all'
+    )
+    return tool.run(_main, parser, arguments)
+
+
+def _main(options: argparse.Namespace) -> int:
+    files = _files(options)
+    if options.output:
+        os.makedirs(options.output, exist_ok=True)
+    _start(options)  # what is wrong is said here, once, not by every worker
+    tasks = [(path, options.seed + index) for path in files for index in range(options.count)]
+    outcomes: List[Dict[str, Any]] = []
+    if options.jobs == 1:
+        for task in tool.progress(tasks, 'driving'):
+            outcomes.append(_drive(*task))
+    else:
+        workers = ProcessPoolExecutor(options.jobs, get_context('spawn'), _start, (options,))
+        with workers:
+            futures = [workers.submit(_drive, *task) for task in tasks]
+            for future in tool.progress(as_completed(futures), 'driving', len(futures)):
+                outcomes.append(future.result())
+    order = {task: index for index, task in enumerate(tasks)}
+    outcomes.sort(key=lambda outcome: order[outcome['file'], outcome['seed']])
+    families = {os.path.basename(path)[:-5]: [o for o in outcomes if o['file'] == path] for path in files}
+    summary = {name: summarise(found) for name, found in families.items()}
+    print(table(summary))
+    if options.output:
+        path = os.path.join(options.output, 'scenarios.json')
+        with open(path, 'w', encoding='utf-8') as file:
+            json.dump({'families': summary, 'episodes': outcomes}, file, indent=1)
+        print('\n%s' % path)
+    for outcome in outcomes:
+        if not outcome['success']:
+            print('%s, seed %d: %s' % (outcome['scenario'], outcome['seed'], outcome['why']))
+    return 0
+
+
+def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
+    """The figures of one family. Shares come with 95 % intervals (Clopper and Pearson)."""
+    count = len(outcomes)
+    hits = sum(outcome['contact'] is not None for outcome in outcomes)
+    met = sum(outcome['in_the_way'] for outcome in outcomes)
+    gaps = [outcome['smallest_gap'] for outcome in outcomes if outcome['smallest_gap'] is not None]
+    seconds, metres = sum(o['seconds'] for o in outcomes), sum(max(o['driven'], 0.0) for o in outcomes)
+    return {
+        'episodes': count,
+        'success': share(sum(outcome['success'] for outcome in outcomes), count),
+        'contacts': share(hits, count),
+        'avoided_to_hit': [met - sum(o['in_the_way'] and o['contact'] is not None for o in outcomes), hits],
+        'stops': sum(outcome['stops'] for outcome in outcomes),
+        'activations': sum(outcome['activations'] for outcome in outcomes),
+        'false_stops': sum(outcome['false_stops'] for outcome in outcomes),
+        'metres': round(metres, 1),
+        'smallest_gap_m': round(min(gaps), 3) if gaps else None,
+        'median_gap_m': round(float(np.median(gaps)), 3) if gaps else None,
+        'off_lane_share': round(sum(o['off_lane'] for o in outcomes) / seconds, 4) if seconds else None,
+    }
+
+
+def share(part: int, whole: int) -> List[float]:
+    """[share, lower, upper] with the exact 95 % interval of a binomial share."""
+    if not whole:
+        return [math.nan, 0.0, 1.0]
+    low = float(beta.ppf(0.025, part, whole - part + 1)) if part else 0.0
+    high = float(beta.ppf(0.975, part + 1, whole - part)) if part < whole else 1.0
+    return [round(part / whole, 4), round(low, 4), round(high, 4)]
+
+
+def table(summary: Dict[str, Dict[str, Any]]) -> str:
+    """The families for a terminal."""
+    head = '%-18s %4s %20s %20s %9s %6s %6s %6s %7s %7s %6s' % (
+        'family', 'n', 'success % (95 %)', 'contacts % (95 %)', 'avoid:hit', 'stops', 'activ.', 'false', 'gap min',
+        'median', 'off %',
+    )  # fmt: skip
+    lines = [head]
+    for name, row in summary.items():
+        cells = ['%.0f (%.0f to %.0f)' % tuple(100 * value for value in row[key]) for key in ('success', 'contacts')]
+        gaps = ['-' if row[key] is None else '%.3f' % row[key] for key in ('smallest_gap_m', 'median_gap_m')]
+        lines.append(
+            '%-18s %4d %20s %20s %9s %6d %6d %6d %7s %7s %6.1f'
+            % (
+                name,
+                row['episodes'],
+                *cells,
+                '%d:%d' % tuple(row['avoided_to_hit']),
+                row['stops'],
+                row['activations'],
+                row['false_stops'],
+                *gaps,
+                100 * (row['off_lane_share'] or 0.0),
+            )  # fmt: skip
+        )
+    return '\n'.join(lines)
+
+
+_state: Dict[str, Any] = {}
+"""A worker's own: what is too costly to make for each episode."""
+
+
+def _start(options: argparse.Namespace) -> None:
+    if options.jobs > 1:
+        cv2.setNumThreads(1)
+    calibration, robot = robot_of(options)
+    try:
+        renderer = Renderer(calibration)
+    except RenderError as error:
+        raise tool.ToolError(str(error)) from error
+    settings = simulation_settings(options.config)
+    if options.picture_rate:
+        settings = replace(settings, picture_rate=options.picture_rate)
+    view = make_bird_view(calibration, robot.detector.settings.bird_view)
+    _state.update(options=options, robot=robot, renderer=renderer, settings=settings, view=view)
+
+
+def _drive(path: str, seed: int) -> Dict[str, Any]:
+    """One episode in a worker; what comes back is plain, for JSON."""
+    options = _state['options']
+    scenario = load_scenario(path, seed, towns_folder(options.config), _instead(options))
+    frames: List[Frame] = []
+    keep = options.output and options.films != 'none'
+    outcome = run(scenario, _state['robot'], _state['settings'], _state['renderer'], frames.append if keep else _forget)
+    film: Optional[str] = None
+    if keep and frames and (options.films == 'all' or not outcome.success):
+        film = os.path.join(options.output, '%s_%d.mp4' % (scenario.name, seed))
+        every = max(1, round(_state['settings'].picture_rate / FILM_RATE))
+        title = '%s, seed %d: %s' % (scenario.name, seed, outcome.why)
+        write_film(film, film_of(frames, scenario, _state['view'], title, every), FILM_RATE)
+    return {'file': path, 'film': film, **plain(outcome)}
+
+
+def plain(outcome: Outcome) -> Dict[str, Any]:
+    """An outcome for JSON, which knows no inf."""
+    values = asdict(outcome)
+    if outcome.contact is not None:
+        contact = outcome.contact
+        values['contact'] = {'time': contact.time, 'x': contact.x, 'y': contact.y, 'sort': contact.thing.sort}
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in values.items()
+    }
+
+
+def _forget(frame: Frame) -> None:
+    """Nobody wants a film."""
+
+
+def _instead(options: argparse.Namespace) -> Dict[str, Any]:
+    instead: Dict[str, Any] = {}
+    if options.pose_errors:
+        instead['pose_errors'] = options.pose_errors
+    if options.light:
+        instead['light/color'] = options.light
+    return instead
+
+
+def _files(options: argparse.Namespace) -> List[str]:
+    folder = os.path.join(options.config or os.path.join(tool.package_folder(), 'config'), 'scenarios')
+    names = options.scenarios or sorted(name for name in os.listdir(folder) if name.endswith('.yaml'))
+    files = []
+    for name in names:
+        path = (
+            name if os.path.exists(name) else os.path.join(folder, name if name.endswith('.yaml') else name + '.yaml')
+        )
+        if not os.path.isfile(path):
+            known = ', '.join(sorted(entry[:-5] for entry in os.listdir(folder) if entry.endswith('.yaml')))
+            raise tool.ToolError('%s is no scenario, expected a YAML file or one of: %s' % (name, known))
+        files.append(path)
+    return files

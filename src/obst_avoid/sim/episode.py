@@ -1,0 +1,228 @@
+"""One drive in lockstep: simulation, detector, avoider and controller take turns through the nodes' own functions."""
+
+from dataclasses import dataclass, replace
+from typing import Callable, List, Optional, Sequence, Tuple
+
+from obst_avoid.core import detection
+from obst_avoid.core.age import NANOSECONDS
+from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.avoidance.settings import AvoidanceSettings
+from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
+from obst_avoid.core.picture import decode_jpeg
+from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Stamped, State
+from obst_avoid.sim import world as worlds
+from obst_avoid.sim.renderer import Renderer
+from obst_avoid.sim.scenario import Scenario
+from obst_avoid.sim.settings import SimulationSettings
+from obst_avoid.sim.world import Contact, Place, World
+
+DECISION_PERIOD, COMMAND_PERIOD = 0.1, 0.05
+"""[s] after which avoider and controller speak again when nothing new came, as their nodes do."""
+RELEVANT = 1.0
+"""[m] ahead of the axle: a stop without an obstacle in the lane nearer than this is a false one."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The programs on the robot, as they are set."""
+
+    detector: detection.Detector
+    avoidance: AvoidanceSettings
+    lane_control: LaneControlSettings
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What was the case when a picture was answered. jpeg: the picture. gap: [m] to the nearest obstacle, inf without."""
+
+    time: float
+    jpeg: bytes
+    obstacles: Tuple[Obstacle, ...]
+    decision: Decision
+    command: Command
+    world: World
+    gap: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an episode went.
+
+    why: it is a success or not, for a person. stops: times the robot's avoider went to STOPPED. false_stops: of these,
+    without an obstacle in the lane within RELEVANT. activations: times it became active. smallest_gap: [m] between
+    body and obstacles, inf without. stop_gap: [m] after the last stop. off_lane: [s] with the axle's middle beyond a
+    line. in_the_way: an obstacle stood in the lane ahead at some time. driven: [m].
+    """
+
+    scenario: str
+    seed: int
+    success: bool
+    why: str
+    contact: Optional[Contact]
+    stops: int
+    false_stops: int
+    activations: int
+    smallest_gap: float
+    stop_gap: Optional[float]
+    off_lane: float
+    in_the_way: bool
+    seconds: float
+    driven: float
+
+
+def run(
+    scenario: Scenario,
+    robot: Robot,
+    settings: SimulationSettings,
+    renderer: Renderer,
+    watch: Callable[[Frame], None] = lambda frame: None,
+) -> Outcome:
+    """Run one episode to its end. watch: is called with each answered picture."""
+    place, world = worlds.begin(scenario, settings)
+    graph = _Graph(robot, place)
+    tally = _Tally()
+    period, pose_period = 1 / settings.picture_rate, 1 / place.pose_errors.rate
+    next_picture = next_pose = 0.0
+    waiting: List[Tuple[float, bytes, List[Obstacle], int]] = []
+    while True:
+        now = world.time + 1e-9
+        if now >= next_pose:
+            next_pose += pose_period
+            pose, world = worlds.lane_pose(world, place)
+            graph.poses.append((world.time + place.pose_errors.delay, Stamped(_stamp(world.time), pose)))
+        if now >= next_picture:
+            next_picture += period
+            shown, world = worlds.picture(world, place, renderer)
+            data = worlds.jpeg(shown, place)
+            stamp = _stamp(world.time)
+            found = graph.detect(data, stamp)
+            waiting.append((world.time + settings.picture_delay, data, found, stamp))
+        graph.hear_poses(now)
+        while waiting and waiting[0][0] <= now:
+            _, data, found, stamp = waiting.pop(0)
+            graph.hear_obstacles(found, stamp, now)
+            gap = worlds.gap(world, place)
+            tally.look(graph.decision, worlds.truth(world, place), gap, world)
+            watch(Frame(world.time, data, tuple(found), graph.decision, graph.command, world, gap))
+        graph.look(now)
+        if graph.spoke:
+            world = worlds.command(world, place, graph.command)
+            graph.spoke = False
+        world = worlds.step(world, place)
+        tally.off_lane += worlds.STEP * (abs(world.lane_pose.d) > scenario.route.lane_width / 2)
+        verdict = _verdict(world, place, tally, graph.decision)
+        if verdict is not None:
+            return Outcome(
+                scenario.name, scenario.seed, verdict[0], verdict[1], world.contact, tally.stops, tally.false_stops,
+                tally.activations, tally.smallest_gap, tally.stop_gap, round(tally.off_lane, 3), tally.in_the_way,
+                round(world.time, 3), world.along - scenario.start,
+            )  # fmt: skip
+
+
+def _stamp(time: float) -> int:
+    """[ns] of simulated ROS time, which does not begin at 0: that would mean `not set`."""
+    return (1000 + int(time)) * NANOSECONDS + int(round((time % 1) * 1e9))
+
+
+class _Graph:
+    """The nodes' part: what each has heard last, and when it speaks."""
+
+    def __init__(self, robot: Robot, place: Place) -> None:
+        self._robot, self._detector = robot, robot.detector
+        self._inputs, self._memory = Inputs(), Memory()
+        self._lane_pose: Optional[Stamped[LanePose]] = None
+        self._reference: Optional[Stamped[Reference]] = None
+        self._decided = self._commanded = 0.0
+        self.poses: List[Tuple[float, Stamped[LanePose]]] = []
+        self.decision = Decision(State.FAULT, 0.0, 0.0, 'stopping: no obstacle list yet')
+        self.command = Command(0.0, 0.0)
+        self.spoke = False
+
+    def detect(self, jpeg: bytes, stamp: int) -> List[Obstacle]:
+        obstacles, self._detector = detection.detect(self._detector, decode_jpeg(jpeg), stamp)
+        return obstacles
+
+    def hear_poses(self, now: float) -> None:
+        while self.poses and self.poses[0][0] <= now:
+            self._lane_pose = self.poses.pop(0)[1]
+            self._inputs = replace(self._inputs, lane_pose=self._lane_pose)
+            self._control(now)
+
+    def hear_obstacles(self, obstacles: Sequence[Obstacle], stamp: int, now: float) -> None:
+        self._inputs = replace(self._inputs, obstacles=Stamped(stamp, obstacles))
+        self._decide(now)
+
+    def look(self, now: float) -> None:
+        if now - self._decided >= DECISION_PERIOD:
+            self._decide(now)
+        if now - self._commanded >= COMMAND_PERIOD:
+            self._control(now)
+
+    def _decide(self, now: float) -> None:
+        self.decision, self._memory = decide(self._inputs, self._memory, _stamp(now), self._robot.avoidance)
+        self._decided = now
+        stands = self.decision.state in (State.STOPPED, State.FAULT)
+        reference = Reference(self.decision.active, self.decision.d_ref, 0.0 if stands else self.decision.v_ref)
+        self._reference = Stamped(_stamp(now), reference)
+        self._control(now)
+
+    def _control(self, now: float) -> None:
+        settings = self._robot.lane_control
+        self.command, _ = control(self._lane_pose, self._reference, 0.0, _stamp(now), settings)
+        self._commanded, self.spoke = now, True
+
+
+class _Tally:
+    """Counts while an episode runs."""
+
+    def __init__(self) -> None:
+        self.stops = self.false_stops = self.activations = 0
+        self.smallest_gap = float('inf')
+        self.stop_gap: Optional[float] = None
+        self.off_lane = 0.0
+        self.in_the_way = False
+        self._before = Decision(State.FAULT, 0.0, 0.0, '')
+
+    def look(self, decision: Decision, truth: Sequence[Obstacle], gap: float, world: World) -> None:
+        relevant = any(item.in_lane is not False and -0.1 < item.x < RELEVANT for item in truth)
+        self.in_the_way = self.in_the_way or relevant
+        self.smallest_gap = min(self.smallest_gap, gap)
+        if decision.state is State.STOPPED:
+            if self._before.state is not State.STOPPED:
+                self.stops += 1
+                self.false_stops += not relevant
+            self.stop_gap = gap
+        self.activations += decision.active and not self._before.active and decision.state is not State.FAULT
+        self._before = decision
+
+
+def _verdict(world: World, place: Place, tally: _Tally, decision: Decision) -> Optional[Tuple[bool, str]]:
+    """(success, why) when the episode is over, else None."""
+    scenario, settings = place.scenario, place.settings
+    success = scenario.settings.success
+    driven = world.along - scenario.start
+    if world.contact is not None:
+        contact = world.contact
+        return False, 'touched a %s at %.2f s, x %.2f m, y %.2f m' % (
+            contact.thing.sort, contact.time, contact.x, contact.y,
+        )  # fmt: skip
+    if abs(world.lane_pose.d) > 0.6:
+        return False, 'lost the road'
+    if driven >= success.goal or world.along > scenario.route.length - 0.35:
+        if success.must == 'stop':
+            return False, 'drove past the obstacle'
+        if success.must == 'drive' and tally.stops:
+            return False, 'stopped %d times for nothing' % tally.stops
+        return True, 'arrived'
+    if success.must == 'stop' and world.stood >= settings.calm and decision.state is State.STOPPED:
+        gap = worlds.gap(world, place)
+        ahead = any(item.in_lane is not False and 0 < item.x < RELEVANT for item in worlds.truth(world, place))
+        if ahead:
+            good = success.smallest_gap <= gap <= success.largest_gap
+            return good, 'stands %.2f m before the obstacle' % gap
+    if world.stood >= settings.patience:
+        why = 'stands for %.0f s: %s' % (settings.patience, decision.reason)
+        return success.must == 'touch_nothing', why
+    if world.time >= scenario.settings.duration:
+        return success.must == 'touch_nothing', 'ran out of time after %.2f m: %s' % (driven, decision.reason)
+    return None

@@ -1,0 +1,125 @@
+"""A calibration laid out for rendering: what each pixel of the picture looks at."""
+
+import math
+from dataclasses import dataclass
+from typing import List, Tuple
+
+import numpy as np
+
+from obst_avoid.core.calibration import Calibration
+from obst_avoid.core.geometry import image_from_rectified, rectified_from_image
+from obst_avoid.core.types import Array
+
+FARTHEST = 30.0
+"""[m] at which the road is taken to be below the horizon still."""
+MOST_TAPS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """What the lens does.
+
+    ground: (H, W, 2) float32, x and y [m] in the robot frame of the road at each pixel, 0 where it shows the room.
+    room: (H, W, 2) float32, azimuth and elevation [rad] in the robot frame. on_ground, blind: (H, W) bool; blind is
+    what no ray reaches.
+    bands: (first row, end row, taps): how often each row of the road is sampled from near to far, since a pixel shows
+    a long and narrow piece of it. projection: (3, 4) from the robot frame (x, y, z, 1) to rays of the rectified
+    camera. eye: (3,) [m] of the camera, robot frame. fold: squared radius beyond which the lens model is not used.
+    """
+
+    calibration: Calibration
+    ground: Array
+    room: Array
+    on_ground: Array
+    blind: Array
+    bands: Tuple[Tuple[int, int, int], ...]
+    projection: Array
+    eye: Array
+    fold: float
+
+    def pixels_from_ground(self, ground: Array) -> Array:
+        """(N, 2) of the robot frame, m, ahead of the camera, to (N, 2) of the picture."""
+        points = np.column_stack([ground, np.ones(len(ground))]) @ np.linalg.inv(self.calibration.homography).T
+        return image_from_rectified(self.calibration, points[:, :2] / np.maximum(points[:, 2:], 1e-6))
+
+
+def lay_out(calibration: Calibration) -> Lens:
+    """Follow each pixel's ray. The ground is where the homography says, so that the road is seen exactly there."""
+    width, height = calibration.width, calibration.height
+    projection = _projection(calibration)
+    eye = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    rectified = rectified_from_image(calibration, pixels)
+    seen = np.isfinite(rectified).all(axis=1)
+    rectified = np.nan_to_num(rectified)
+    seen &= np.abs(image_from_rectified(calibration, rectified) - pixels).max(axis=1) < 0.05
+    homogeneous = np.column_stack([rectified, np.ones(len(rectified))])
+    points = homogeneous @ calibration.homography.T
+    on_ground = seen & (points[:, 2] > 1e-9)
+    ground = points[:, :2] / np.where(on_ground, points[:, 2], 1.0)[:, None]
+    on_ground &= np.hypot(ground[:, 0], ground[:, 1]) < FARTHEST
+    ground[~on_ground] = 0
+    rays = homogeneous @ np.linalg.inv(calibration.projection).T @ np.linalg.inv(projection[:, :3]).T
+    room = np.column_stack(
+        [np.arctan2(rays[:, 1], rays[:, 0]), np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1]))]
+    )
+    shape = (height, width)
+    ground = ground.reshape(height, width, 2)
+    return Lens(
+        calibration,
+        ground.astype(np.float32),
+        room.astype(np.float32).reshape(height, width, 2),
+        on_ground.reshape(shape),
+        ~seen.reshape(shape),
+        tuple(_bands(ground, on_ground.reshape(shape))),
+        projection,
+        eye,
+        _fold(calibration),
+    )
+
+
+def _projection(calibration: Calibration) -> Array:
+    """(3, 4). On the ground it is the homography's inverse, exactly; upwards it follows the cross product of its axes.
+
+    A measured homography has axes that are not quite at right angles; camera_from_robot would mend that, and things
+    would stand a little beside the paint.
+    """
+    columns = np.linalg.inv(calibration.projection) @ np.linalg.inv(calibration.homography)
+    columns = columns / (0.5 * (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])))
+    ahead = calibration.homography @ (calibration.width / 2, calibration.height - 1, 1)
+    if (columns @ (ahead / ahead[2]))[2] < 0:
+        columns = -columns
+    up = np.cross(columns[:, 0], columns[:, 1])
+    return np.column_stack([columns[:, 0], columns[:, 1], up / np.linalg.norm(up), columns[:, 2]])
+
+
+def _fold(calibration: Calibration) -> float:
+    """Largest squared radius up to which the lens model is one to one and its picture grows, at most 9."""
+    squared = np.linspace(0, 9, 3001)
+    k1, k2, k3 = calibration.distortion[[0, 1, 4]]
+    radius = np.sqrt(squared) * (1 + squared * (k1 + squared * (k2 + squared * k3)))
+    falling = np.flatnonzero(np.diff(radius) <= 0)
+    return float(squared[falling[0]]) if len(falling) else 9.0
+
+
+def _bands(ground: Array, on_ground: Array) -> List[Tuple[int, int, int]]:
+    """Rows of equal sampling: as many taps down a pixel as it is longer than wide on the road, a power of two."""
+    step = np.linalg.norm(np.diff(ground, axis=0, append=ground[-1:]), axis=2)
+    across = np.linalg.norm(np.diff(ground, axis=1, append=ground[:, -1:]), axis=2)
+    whole = on_ground & np.roll(on_ground, -1, axis=0)
+    taps = []
+    for row in range(len(ground)):
+        kept = whole[row] & (across[row] > 1e-6)
+        ratio = np.median(step[row][kept] / across[row][kept]) if kept.any() else 1.0
+        taps.append(min(MOST_TAPS, 2 ** max(0, math.ceil(math.log2(max(float(ratio), 1.0) / 2)))))
+    rows = np.flatnonzero(on_ground.any(axis=1))
+    if not len(rows):
+        return []
+    bands: List[Tuple[int, int, int]] = []
+    for row in range(int(rows[0]), len(ground)):
+        if bands and bands[-1][2] == taps[row]:
+            bands[-1] = (bands[-1][0], row + 1, taps[row])
+        else:
+            bands.append((row, row + 1, taps[row]))
+    return bands

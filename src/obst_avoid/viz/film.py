@@ -1,0 +1,127 @@
+"""One picture of a film: what the camera saw, the bird view, the map, and what was decided."""
+
+import math
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from obst_avoid.core.bird_view import BirdView, crop, warp
+from obst_avoid.core.types import Array, Decision, Obstacle, State
+from obst_avoid.viz.overlay import FONT, SHADE, TEXT, draw_on_bird_view, draw_on_picture
+
+SIZE = (1120, 640)
+"""[px] width, height of the film."""
+STATE_COLORS = {
+    State.CLEAR: (80, 160, 60), State.SLOWING: (0, 165, 255), State.AVOIDING: (200, 130, 30),
+    State.STOPPED: (40, 40, 220), State.FAULT: (130, 50, 150),
+}  # fmt: skip
+ROBOT, PATH, DUCKIE, OTHER = (230, 120, 40), (80, 220, 255), (40, 215, 255), (30, 110, 250)
+AHEAD, BEHIND, HALF = 0.066, 0.114, 0.075
+"""[m] of the robot that is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """The town from above. picture: (H, W, 3) uint8 BGR, north up. pixels_per_metre: [px/m]. Origin: lower left."""
+
+    picture: Array
+    pixels_per_metre: float
+
+    def pixel(self, x: float, y: float) -> Tuple[int, int]:
+        """Where a point of the world, m, is drawn."""
+        return int(round(x * self.pixels_per_metre)), int(round(self.picture.shape[0] - y * self.pixels_per_metre))
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What one picture of the film shows. time: [s]. picture: (H, W, 3) uint8 BGR. speed: [m/s] as commanded.
+
+    pose: x, y [m], heading [rad] in the world, where it is known. standing: outlines (K, 2) of the obstacles that are
+    there, world frame, each with True for a duckie.
+    """
+
+    time: float
+    picture: Array
+    obstacles: Sequence[Obstacle]
+    decision: Decision
+    speed: float
+    pose: Optional[Tuple[float, float, float]] = None
+    standing: Sequence[Tuple[Array, bool]] = ()
+
+
+def compose(shot: Shot, view: BirdView, town: Optional[Map], path: Sequence[Tuple[float, float]], title: str) -> Array:
+    """(640, 1120, 3) uint8. path: where the robot has been, x and y in the world, m."""
+    canvas = np.full((SIZE[1], SIZE[0], 3), SHADE, dtype=np.uint8)
+    left, right = 640, SIZE[0] - 640
+    _paste(canvas, draw_on_picture(shot.picture, shot.obstacles, view), (0, 0, left, 480))
+    bird = draw_on_bird_view(warp(crop(shot.picture, view), view), shot.obstacles)
+    height = min(round(bird.shape[0] * right / bird.shape[1]), 300)
+    _paste(canvas, bird, (left, 0, right, height))
+    _words(canvas, 'from above, as the robot works it out', (left + 8, 20), 0.45)
+    if town is not None:
+        _paste(canvas, _drawn_map(town, shot, path), (left, height + 6, right, SIZE[1] - height - 6))
+    color = STATE_COLORS[shot.decision.state]
+    cv2.rectangle(canvas, (0, 480), (left, 516), color, -1)
+    _words(canvas, shot.decision.state.name, (10, 506), 0.8)
+    _words(canvas, '%.1f s   %.2f m/s' % (shot.time, shot.speed), (left - 210, 504), 0.6)
+    for index, line in enumerate(_wrapped(shot.decision.reason, 62)[:2]):
+        _words(canvas, line, (10, 544 + 24 * index), 0.55)
+    inside = sum(obstacle.in_lane is not False for obstacle in shot.obstacles)
+    count = '%d in the lane (red), %d outside (green)' % (inside, len(shot.obstacles) - inside)
+    _words(canvas, 'sees %s' % count, (10, 598), 0.5)
+    _words(canvas, title, (10, 626), 0.5)
+    return canvas
+
+
+def shrunk_map(picture: Array, pixels_per_metre: float, longest: int = 900) -> Map:
+    """A map for films from one of any size."""
+    scale = min(1.0, longest / max(picture.shape[:2]))
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return Map(small, pixels_per_metre * scale)
+
+
+def _drawn_map(town: Map, shot: Shot, path: Sequence[Tuple[float, float]]) -> Array:
+    drawn = town.picture.copy()
+    unit = max(1, round(town.pixels_per_metre / 90))
+    if len(path) > 1:
+        points = np.array([town.pixel(x, y) for x, y in path], dtype=np.int32)
+        cv2.polylines(drawn, [points.reshape(-1, 1, 2)], False, PATH, 2 * unit, cv2.LINE_AA)
+    for outline, duckie in shot.standing:
+        points = np.array([town.pixel(x, y) for x, y in outline], dtype=np.int32)
+        middle = points.mean(axis=0)
+        cv2.circle(drawn, (int(middle[0]), int(middle[1])), 5 * unit, DUCKIE if duckie else OTHER, -1, cv2.LINE_AA)
+    if shot.pose is not None:
+        x, y, heading = shot.pose
+        corners = [(AHEAD, HALF), (AHEAD, -HALF), (-BEHIND, -HALF), (-BEHIND, HALF)]
+        cos, sin = math.cos(heading), math.sin(heading)
+        body = [town.pixel(x + cos * a - sin * b, y + sin * a + cos * b) for a, b in corners]
+        cv2.fillPoly(drawn, [np.array(body, dtype=np.int32)], ROBOT, cv2.LINE_AA)
+        nose = town.pixel(x + cos * 0.16, y + sin * 0.16)
+        cv2.line(drawn, town.pixel(x, y), nose, TEXT, unit, cv2.LINE_AA)
+    return drawn
+
+
+def _paste(canvas: Array, picture: Array, where: Tuple[int, int, int, int]) -> None:
+    """Fit a picture into a box (left, top, width, height) without stretching it."""
+    left, top, width, height = where
+    scale = min(width / picture.shape[1], height / picture.shape[0])
+    size = (max(1, int(picture.shape[1] * scale)), max(1, int(picture.shape[0] * scale)))
+    if size != (picture.shape[1], picture.shape[0]):
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    x, y = left + (width - size[0]) // 2, top + (height - size[1]) // 2
+    canvas[y : y + size[1], x : x + size[0]] = picture
+
+
+def _words(canvas: Array, words: str, at: Tuple[int, int], size: float) -> None:
+    cv2.putText(canvas, words, at, FONT, size, TEXT, 1, cv2.LINE_AA)
+
+
+def _wrapped(words: str, width: int) -> List[str]:
+    lines = ['']
+    for word in words.split():
+        if len(lines[-1]) + len(word) >= width:
+            lines.append('')
+        lines[-1] = (lines[-1] + ' ' + word).strip()
+    return lines
