@@ -16,13 +16,15 @@ from obst_avoid.ros.obstacle_avoidance_node import AvoidanceNodeSettings
 from obst_avoid.ros.obstacle_detection_node import DetectionNodeSettings
 from obst_avoid.ros.obstacle_detection_visual_node import VisualNodeSettings
 from obst_avoid.ros.replay_node import ReplaySettings
+from obst_avoid.ros.simulator_node import SimulatorNodeSettings
 
 LAUNCH = sorted(path.name for path in (REPOSITORY / 'launch').glob('*.launch'))
 REASONABLE = {
     'obst_avoid.launch': [{}, {'lane_controller': 'true'}, {'input': 'raw', 'stage': 'stop_only', 'profile': 'paper'}],
     'visualizer.launch': [{}, {'rviz': 'false', 'calibration_dir': '/calibrations'}],
     'replay.launch': [{'bag': '/a.bag'}, {'images': '/pictures', 'rviz': 'true'}, {'bag': 'a.bag', 'output': 'out'}],
-    'demo.launch': [{'bag': '/a.bag'}, {'images': '/pictures', 'output': '/out'}],
+    'simulation.launch': [{}, {'scenario': 'a.yaml', 'ends': 'true', 'input': 'raw'}, {'rviz': 'true', 'seed': '7'}],
+    'demo.launch': [{}, {'bag': '/a.bag'}, {'scenario': '/a.yaml', 'rviz': 'true', 'stage': 'stop_only'}],
 }
 """Arguments beside veh."""
 
@@ -32,6 +34,7 @@ SETTINGS = {
     'obstacle_detection_visual_node': VisualNodeSettings,
     'lane_controller_node': ControllerNodeSettings,
     'replay_node': ReplaySettings,
+    'simulator_node': SimulatorNodeSettings,
 }
 
 CONTRACT = {
@@ -69,6 +72,21 @@ CONTRACT = {
         '~posearray': 'obstacle_detection_node/posearray',
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~annotated/compressed': 'obstacle_detection_visual_node/image/compressed',
+    },
+    'simulator_node': {
+        '~image/compressed': 'camera_node/image/compressed',
+        '~image': 'camera_node/image',
+        '~camera_info': 'camera_node/camera_info',
+        '~lane_pose': 'lane_filter_node/lane_pose',
+        '~car_cmd': 'lane_controller_node/car_cmd',
+        '~lane_control': 'obstacle_avoidance_node/lane_control',
+        '~scenario': 'simulator_node/scenario',
+        '~latency': 'simulator_node/latency',
+        '~truth/pose': 'simulator_node/truth/pose',
+        '~truth/lane_pose': 'simulator_node/truth/lane_pose',
+        '~truth/obstacles': 'simulator_node/truth/obstacles',
+        '~truth/gap': 'simulator_node/truth/gap',
+        '~truth/contact': 'simulator_node/truth/contact',
     },
 }
 """Private names in code, and where they lead under /<veh> (docs/architecture.md, Topics)."""
@@ -177,16 +195,35 @@ def test_rviz_unless_told_otherwise() -> None:
 def test_a_replay_starts_the_whole_graph_on_simulated_time_and_ends_with_it() -> None:
     config = load_launch('replay.launch', veh='duck1', bag='/a.bag')
     nodes = nodes_of(config)
-    assert {node.type for node in nodes.values()} == set(SETTINGS)
+    assert {node.type for node in nodes.values()} == set(SETTINGS) - {'simulator_node'}
     assert param(config, '/use_sim_time') is True
     assert [full for full, node in nodes.items() if node.required] == ['/duck1/replay_node']
+
+
+@pytest.mark.parametrize('name', ['simulation.launch', 'demo.launch'])
+def test_a_simulation_starts_the_whole_graph_on_simulated_time_and_ends_with_it(name: str) -> None:
+    config = load_launch(name, veh='duck1')
+    nodes = nodes_of(config)
+    assert {node.type for node in nodes.values()} == set(SETTINGS) - {'replay_node'}
+    assert param(config, '/use_sim_time') is True
+    assert [full for full, node in nodes.items() if node.required] == ['/duck1/simulator_node']
+    assert param(config, '/duck1/simulator_node/ends') is (name == 'demo.launch')
+
+
+def test_the_demo_records_what_the_report_reads() -> None:
+    recorder = nodes_of(load_launch('demo.launch', veh='duck1', bag='/a.bag'))['/duck1/recorder']
+    topics = {'/duck1/' + topic for topic in CONTRACT['simulator_node'].values()} - {'/duck1/camera_node/image'}
+    assert topics <= set(recorder.args.split())
+    assert '/duck1/obstacle_detection_node/posearray' in recorder.args.split()
+    assert '-O /a.bag' in recorder.args
+    assert '/duck1/recorder' not in nodes_of(load_launch('demo.launch', veh='duck1'))
 
 
 def test_robots_do_not_run_on_simulated_time() -> None:
     assert '/use_sim_time' not in load_launch('obst_avoid.launch', veh='duck1').params
 
 
-@pytest.mark.parametrize('name', ['obst_avoid.launch', 'replay.launch'])
+@pytest.mark.parametrize('name', ['obst_avoid.launch', 'replay.launch', 'simulation.launch', 'demo.launch'])
 def test_profile_and_stage_override_the_yaml_only_when_given(name: str) -> None:
     config = load_launch(name, veh='duck1')
     assert param(config, '/duck1/obstacle_detection_node/profile') == 'paper'
@@ -214,7 +251,7 @@ def test_a_replay_passes_its_arguments_on() -> None:
     assert param(config, '/duck1/replay_node/input') == 'raw'
 
 
-@pytest.mark.parametrize('name', [name for name in LAUNCH if name != 'demo.launch'])
+@pytest.mark.parametrize('name', [name for name in LAUNCH if name not in ('demo.launch', 'simulation.launch')])
 def test_a_robot_never_gets_a_made_up_calibration_unasked(name: str) -> None:
     config = load_launch(name, veh='duck1')
     asked = [value.value for full, value in config.params.items() if full.endswith('/allow_default_calibration')]
@@ -246,11 +283,10 @@ def test_a_relative_calibration_dir_is_seen_from_where_roslaunch_was_called(
 
 
 @pytest.mark.parametrize('argument', ['bag', 'images', 'output'])
-@pytest.mark.parametrize('name', ['replay.launch', 'demo.launch'])
-def test_relative_paths_of_a_replay(name: str, argument: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_paths_of_a_replay(argument: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PWD', '/here')
     for given, wanted in (('a/b', '/here/a/b'), ('/a/b', '/a/b'), ('', ''), ('2018', '/here/2018')):
-        config = load_launch(name, veh='duck1', **{argument: given})
+        config = load_launch('replay.launch', veh='duck1', **{argument: given})
         assert path_of_user(param(config, '/duck1/replay_node/' + argument)) == wanted
 
 

@@ -13,8 +13,10 @@ from obst_avoid.core import detection
 from obst_avoid.core.calibration import Calibration, load_calibration
 from obst_avoid.core.picture import decode_jpeg, encode_jpeg
 from obst_avoid.offline import tool
+from obst_avoid.offline.bench_simulation import bench_simulation
 from obst_avoid.offline.pictures import read_jpeg
 from obst_avoid.offline.simulated_bag import Camera, stands, straight_road
+from obst_avoid.offline.simulation import add_robot_arguments
 from obst_avoid.sim.renderer import Scene
 from obst_avoid.sim.town import pose_at
 
@@ -36,8 +38,11 @@ WORDS = {
 
 def main(arguments: Any = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog='bench', description='Time each stage of the detector beside JPEG decoding.')
-    tool.add_calibration_arguments(parser)
+    parser = argparse.ArgumentParser(
+        prog='bench', description='Time each stage of the detector beside JPEG decoding, and the simulation.'
+    )
+    add_robot_arguments(parser)
+    parser.add_argument('--soak', type=float, default=0.0, metavar='MIN', help='watch memory for so many minutes, too')
     parser.add_argument('--count', type=tool.count, default=200, help='pictures that are timed (default: 200)')
     parser.add_argument('--output', metavar='FILE', help='write the figures there, as JSON')
     parser.add_argument('paths', metavar='PATH', nargs='*', help='pictures or folders; without any, they are rendered')
@@ -59,6 +64,8 @@ def _main(options: argparse.Namespace) -> int:
         figures = {name: _figures(values[WARM_UP:]) for name, values in times.items()}
         result['threads'][str(threads)] = figures
         _print(figures, threads, options.count)
+    if not options.paths:
+        result['simulation'] = bench_simulation(options)
     if options.output:
         os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
         with open(options.output, 'w', encoding='utf-8') as file:

@@ -87,7 +87,7 @@ def _faults(summary: Dict[str, Any], log: str) -> List[str]:
 
 
 def _launch(call: List[str], log_path: str) -> None:
-    """Run a launch file to its end on a master of its own; show the nodes' own words, and keep everything in the log."""
+    """Run a launch file to its end on a master of its own; show the nodes' own words, and keep all in the log."""
     command = ['roslaunch', '--port', str(_free_port()), 'obst_avoid'] + call
     environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}  # or the nodes' words come when all is over
     with open(log_path, 'w', encoding='utf-8') as log:

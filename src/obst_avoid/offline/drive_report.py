@@ -217,7 +217,7 @@ def plot(drive: Drive, path: str) -> None:
         told.add(state)
     axes[0].plot([item[0] - begin for item in drive.commands], [item[1] for item in drive.commands], label='commanded')
     axes[0].set_ylabel('speed [m/s]')
-    poses = [item for item in drive.lane_poses]
+    poses = drive.lane_poses
     axes[1].plot(
         [item[0] - begin for item in poses], [item[1] for item in poses], '.', markersize=3, label='lane filter'
     )

@@ -59,16 +59,13 @@ def _main(options: argparse.Namespace) -> int:
         os.makedirs(options.output, exist_ok=True)
     _start(options)  # what is wrong is said here, once, not by every worker
     tasks = [(path, options.seed + index) for path in files for index in range(options.count)]
-    outcomes: List[Dict[str, Any]] = []
     if options.jobs == 1:
-        for task in tool.progress(tasks, 'driving'):
-            outcomes.append(_drive(*task))
+        outcomes = [_drive(*task) for task in tool.progress(tasks, 'driving')]
     else:
         workers = ProcessPoolExecutor(options.jobs, get_context('spawn'), _start, (options,))
         with workers:
             futures = [workers.submit(_drive, *task) for task in tasks]
-            for future in tool.progress(as_completed(futures), 'driving', len(futures)):
-                outcomes.append(future.result())
+            outcomes = [future.result() for future in tool.progress(as_completed(futures), 'driving', len(futures))]
     order = {task: index for index, task in enumerate(tasks)}
     outcomes.sort(key=lambda outcome: order[outcome['file'], outcome['seed']])
     families = {os.path.basename(path)[:-5]: [o for o in outcomes if o['file'] == path] for path in files}

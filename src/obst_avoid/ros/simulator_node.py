@@ -1,4 +1,4 @@
-"""simulator_node: the simulated town in the ROS graph, on simulated time. It publishes what a robot would, and the truth.
+"""simulator_node: the simulated town in the ROS graph, on simulated time: what a robot would publish, and the truth.
 
 Simulated time passes at the set rate, but never runs far ahead of the graph's answers: a slow machine makes it slower,
 not blind.
@@ -40,6 +40,8 @@ AHEAD = 0.06
 stands still stops the robot."""
 LOOK, ANSWER_WAIT, START_WAIT = 0.1, 2.0, 40.0
 """[s] of wall time between two steps while time crawls, to wait for an answer at most, and for somebody who listens."""
+LARGEST_LAG = 0.1
+"""[s] of wall time that is caught up after a slow step; more is let go."""
 REPORT = 5.0
 """[s] of simulated time between two lines on the terminal."""
 
@@ -70,7 +72,7 @@ class Answers:
         self._changed = threading.Condition()
         self._shown: Dict[int, float] = {}
         self._command: Optional[Command] = None
-        self._answered = 0
+        self.answered = 0
         self.latencies: List[float] = []
 
     def shows(self, stamp: int) -> None:
@@ -95,7 +97,7 @@ class Answers:
             if stamp in self._shown:
                 self.latencies.append(time.monotonic() - self._shown[stamp])
             self._shown = {shown: begun for shown, begun in self._shown.items() if shown > stamp}
-            self._answered = max(self._answered, stamp)
+            self.answered = max(self.answered, stamp)
             self._changed.notify_all()
 
     def take_command(self) -> Optional[Command]:
@@ -107,7 +109,7 @@ class Answers:
     def wait_for(self, stamp: int) -> bool:
         """Wait a moment until a picture, or a later one, is answered. False: it is not yet."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._answered >= stamp, LOOK)
+            return self._changed.wait_for(lambda: self.answered >= stamp, LOOK)
 
 
 class SimulatorNode:
@@ -126,6 +128,10 @@ class SimulatorNode:
         self._calibration = calibration
         self._info = _camera_info(calibration)
         self._answers = Answers()
+        self._next_picture = self._next_pose = 0.0
+        self._late_poses: List[Tuple[float, int, LanePose]] = []
+        self._unanswered: List[int] = []
+        self._waited = 0.0
         self._clock = rospy.Publisher('/clock', Clock, queue_size=10)
         compressed = settings.input == 'compressed'
         self._image = rospy.Publisher(
@@ -173,58 +179,76 @@ class SimulatorNode:
         time.sleep(1.0)  # for the subscriptions in the other direction
 
     def _drive(self, renderer: Renderer) -> None:
-        settings, place = self._settings, self._place
-        next_picture = next_pose = 0.0
-        late: List[Tuple[float, int, LanePose]] = []
-        pending: List[Tuple[float, int, float]] = []
-        steps, wall, told_contact, reported = 0, time.monotonic(), False, 0.0
+        factor, steps, wall = self._settings.real_time_factor, 0, time.monotonic()
         while not rospy.is_shutdown():
-            world, now = self._world, self._world.time + 1e-9
-            self._clock.publish(Clock(border.ros_time(_stamp(world.time))))
-            if now >= next_pose:
-                next_pose += 1 / place.pose_errors.rate
-                pose, world = worlds.lane_pose(world, place)
-                late.append((world.time + place.pose_errors.delay, _stamp(world.time), pose))
-            while late and late[0][0] <= now:
-                _, stamp, pose = late.pop(0)
-                self._lane_pose.publish(border.msg_from_lane_pose(pose, stamp, self._lane_pose_class))
-            if now >= next_picture:
-                next_picture += 1 / settings.picture_rate
-                shown, world = worlds.picture(world, place, renderer)
-                pending.append((world.time, self._publish_picture(shown, _stamp(world.time)), time.monotonic()))
+            self._clock.publish(Clock(border.ros_time(_stamp(self._world.time))))
+            world = self._sense(self._world, renderer)
             if steps % TRUTH_STEPS == 0:
                 self._publish_truth(world)
             command = self._answers.take_command()
             if command is not None:
-                world = worlds.command(world, place, command)
-            self._world = world = worlds.step(world, place)
+                world = worlds.command(world, self._place, command)
+            before, self._world = world, worlds.step(world, self._place)
             steps += 1
-            if world.contact is not None and not told_contact:
-                contact, told_contact = world.contact, True
-                self._publish_truth(world)
-                rospy.logerr('%s: touched a %s at %.2f s, x %.2f m, y %.2f m', rospy.get_name(), contact.thing.sort,
-                             contact.time, contact.x, contact.y)  # fmt: skip
-            if world.time >= reported + REPORT:
-                reported = world.time
-                rospy.loginfo(
-                    '%s: %.0f s, %.1f m driven', rospy.get_name(), world.time, world.along - place.scenario.start
-                )
-            if pending and pending[0][0] + AHEAD <= world.time:
-                stamp, shown_wall = pending[0][1], pending[0][2]
-                if self._answers.wait_for(stamp):
-                    pending.pop(0)
-                elif time.monotonic() > shown_wall + ANSWER_WAIT:
-                    pending.pop(0)
-                    node.dropped('answer', TimeoutError('none within %.0f s to the picture of %.3f s, driving on'
-                                                        % (ANSWER_WAIT, stamp / NANOSECONDS)))  # fmt: skip
-            if settings.real_time_factor:
-                wall = max(wall + worlds.STEP / settings.real_time_factor, time.monotonic() - 0.1)
+            self._tell(before, self._world)
+            self._wait_for_answer()
+            if factor:
+                wall = max(wall + worlds.STEP / factor, time.monotonic() - LARGEST_LAG)
                 time.sleep(max(0.0, wall - time.monotonic()))
             why = self._why_over()
             if why:
                 self._publish_truth(self._world)
                 rospy.loginfo('%s: the drive is over: %s', rospy.get_name(), why)
                 return
+
+    def _sense(self, world: worlds.World, renderer: Renderer) -> worlds.World:
+        """Publish the lane pose and the picture that are due."""
+        place, now = self._place, world.time + 1e-9
+        if now >= self._next_pose:
+            self._next_pose += 1 / place.pose_errors.rate
+            pose, world = worlds.lane_pose(world, place)
+            self._late_poses.append((world.time + place.pose_errors.delay, _stamp(world.time), pose))
+        while self._late_poses and self._late_poses[0][0] <= now:
+            _, stamp, pose = self._late_poses.pop(0)
+            self._lane_pose.publish(border.msg_from_lane_pose(pose, stamp, self._lane_pose_class))
+        if now >= self._next_picture:
+            self._next_picture += 1 / self._settings.picture_rate
+            shown, world = worlds.picture(world, place, renderer)
+            self._publish_picture(shown, _stamp(world.time))
+            self._unanswered.append(_stamp(world.time))
+        return world
+
+    def _tell(self, before: worlds.World, world: worlds.World) -> None:
+        """Say what a person in front of the terminal wants to know."""
+        if world.contact is not None and before.contact is None:
+            contact = world.contact
+            self._publish_truth(world)
+            words = '%s: touched a %s at %.2f s, x %.2f m, y %.2f m'
+            rospy.logerr(words, rospy.get_name(), contact.thing.sort, contact.time, contact.x, contact.y)
+        if int(world.time / REPORT) > int(before.time / REPORT):
+            driven = world.along - self._place.scenario.start
+            rospy.loginfo('%s: %.0f s, %.1f m driven', rospy.get_name(), world.time, driven)
+
+    def _wait_for_answer(self) -> None:
+        """Let the graph keep up: time crawls while a picture older than AHEAD is not answered.
+
+        When none is answered for ANSWER_WAIT, somebody is gone, and time goes on without: that is what shall be seen.
+        """
+        while self._unanswered and self._unanswered[0] <= self._answers.answered:
+            self._unanswered.pop(0)
+            self._waited = 0.0
+        overdue = self._unanswered and self._unanswered[0] + AHEAD * NANOSECONDS <= _stamp(self._world.time)
+        if not overdue:
+            return
+        if self._waited < ANSWER_WAIT:
+            begin = time.monotonic()
+            if not self._answers.wait_for(self._unanswered[0]):
+                self._waited += time.monotonic() - begin
+        else:
+            stamp = self._unanswered.pop(0) / NANOSECONDS
+            rospy.logwarn_throttle(
+                5.0, '%s: no answer to the picture of %.3f s, driving on without' % (rospy.get_name(), stamp)
+            )
 
     def _why_over(self) -> str:
         world, scenario = self._world, self._place.scenario
@@ -236,7 +260,7 @@ class SimulatorNode:
             return 'its time of %.0f s is up' % scenario.settings.duration
         return ''
 
-    def _publish_picture(self, shown: Array, stamp: int) -> int:
+    def _publish_picture(self, shown: Array, stamp: int) -> None:
         frame = border.camera_frame(self._settings.veh)
         self._info.header = Header(stamp=border.ros_time(stamp), frame_id=frame)
         self._camera_info.publish(self._info)
@@ -246,7 +270,6 @@ class SimulatorNode:
         else:
             msg = border.image_from_picture(shown, stamp, frame)
         self._image.publish(msg)
-        return stamp
 
     def _publish_truth(self, world: worlds.World) -> None:
         stamp = _stamp(world.time)

@@ -45,9 +45,11 @@ class Surfaces:
 class Backdrop:
     """What stays the same while lens, town and light do.
 
-    samples: (N, W, 2) float32, the road points of every sampled row, band by band, tap by tap, robot frame. grid: (rows, columns, 2) float32,
-    the road point of every cell. to_camera: (rows * columns, 3) unit vectors there. vignette: (rows, columns, 3) BGR.
-    paint: (H, W, 3) uint8 BGR, gloss: (H, W) uint8, first row south. brightness: of the ground, see ground_light.
+    samples: (N, W, 2) float32, the road points of every sampled row, band by band, tap by tap, robot frame.
+    grid: (rows, columns, 2) float32, the road point of every cell. to_camera: (rows * columns, 3) unit vectors there.
+    vignette: (rows, columns, 3) BGR, share of the light that the lens lets through.
+    paint: (H, W, 4) uint8 BGR and gloss, first row south. floor: the same beyond the map. brightness: of the ground,
+    see ground_light.
     room: panorama, see room.py. mask: (rows, W) uint8 of the rows that show some room, 255 where it is road all the
     same. scale: [px/m] of paint.
     """
@@ -59,8 +61,7 @@ class Backdrop:
     to_camera: Array
     vignette: Array
     paint: Array
-    gloss: Array
-    floor: RGB
+    floor: Tuple[float, float, float, float]
     brightness: Array
     room: Array
     mask: Array
@@ -76,12 +77,12 @@ def make_backdrop(lens: Lens, town: Town, surfaces: Surfaces, light: Light, shad
         int((town.size[0] + 2 * MARGIN) / LIGHT_CELL),
     )
     red, green, blue = (255 * math.sqrt(value) for value in surfaces.floor)
-    paint, gloss = _painted(town, surfaces, seed)
+    paint = _painted(town, surfaces, seed)
     rows = int(np.flatnonzero(~lens.on_ground.all(axis=1)).max(initial=-1)) + 1
     mask = np.where(lens.on_ground[:rows], 255, 0).astype(np.uint8)
     return Backdrop(
-        lens, light, samples, grid, to_camera, vignette, paint, gloss, (blue, green, red), ground_light(light, size),
-        room_picture(seed), mask, PIXELS / town.tile_size,
+        lens, light, samples, grid, to_camera, vignette, paint, (blue, green, red, float(BARE_GLOSS)),
+        ground_light(light, size), room_picture(seed), mask, PIXELS / town.tile_size,
     )  # fmt: skip
 
 
@@ -104,7 +105,8 @@ def see(backdrop: Backdrop, pose: WorldPose, factors: RGB) -> Array:
     if last_room:
         matt[:last_room] = _room(backdrop, pose.heading)
     if first < height:
-        road = _road(backdrop, backdrop.paint, turn, backdrop.floor)
+        glossy = _road(backdrop, turn)
+        road = cv2.cvtColor(glossy, cv2.COLOR_BGRA2BGR)
         if last_room > first:
             cv2.copyTo(road[: last_room - first], backdrop.mask[first:], matt[first:last_room])
         matt[max(first, last_room) :] = road[max(last_room - first, 0) :]
@@ -119,11 +121,14 @@ def see(backdrop: Backdrop, pose: WorldPose, factors: RGB) -> Array:
         lit += own[..., None] * np.array([c * f for c, f in zip(HEADLIGHT_COLOR, factors)], dtype=np.float32)[::-1]
     field = cv2.resize(np.sqrt(lit * backdrop.vignette), (width, height))
     color = cv2.multiply(matt, field, dtype=cv2.CV_32F)
-    glare = mirrored(light, backdrop.to_camera, pose.heading).reshape(here.shape)
-    if first < height and 255 * math.sqrt(float(glare.max() * strength.max())) > WEAKEST_GLARE:
-        gloss = cv2.cvtColor(_road(backdrop, backdrop.gloss, turn, (float(BARE_GLOSS),)), cv2.COLOR_GRAY2BGR)
-        spread = cv2.resize(np.sqrt(glare[..., None] * backdrop.vignette * strength), (width, height))[first:]
-        color[first:] = cv2.magnitude(color[first:], cv2.multiply(gloss, spread, dtype=cv2.CV_32F))
+    if first < height:
+        glare = mirrored(light, backdrop.to_camera, pose.heading).reshape(here.shape)
+        bright = np.flatnonzero(255 * np.sqrt(glare.max(axis=1) * strength.max()) > WEAKEST_GLARE)
+        begin, end = (max(bright[0] * CELL - CELL, first), bright[-1] * CELL + 2 * CELL) if len(bright) else (0, 0)
+        if end > begin:
+            gloss = cv2.cvtColor(cv2.extractChannel(glossy[begin - first : end - first], 3), cv2.COLOR_GRAY2BGR)
+            spread = cv2.resize(np.sqrt(glare[..., None] * backdrop.vignette * strength), (width, height))[begin:end]
+            color[begin:end] = cv2.magnitude(color[begin:end], cv2.multiply(gloss, spread, dtype=cv2.CV_32F))
     picture: Array = cv2.convertScaleAbs(color)
     return picture
 
@@ -140,10 +145,10 @@ def _room(backdrop: Backdrop, heading: float) -> Array:
     return room
 
 
-def _road(backdrop: Backdrop, texture: Array, turn: Array, beyond: Tuple[float, ...]) -> Array:
-    """The ground's texture from the first row of road on: (H', W) or (H', W, 3) uint8."""
+def _road(backdrop: Backdrop, turn: Array) -> Array:
+    """The ground's paint and gloss from the first row of road on: (H', W, 4) uint8."""
     pixels = cv2.transform(backdrop.samples, turn * backdrop.scale - [[0, 0, 0.5], [0, 0, 0.5]])
-    sampled = cv2.remap(texture, pixels, None, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, beyond)
+    sampled = cv2.remap(backdrop.paint, pixels, None, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, backdrop.floor)
     parts, row = [], 0
     for begin, end, taps in backdrop.lens.bands:
         rows = end - begin
@@ -183,8 +188,8 @@ def _layout(lens: Lens) -> Tuple[Array, Array, Array, Array]:
 
 
 @functools.lru_cache(maxsize=2)
-def _painted(town: Town, surfaces: Surfaces, seed: int) -> Tuple[Array, Array]:
-    """Paint and gloss of a Backdrop, both as square roots."""
+def _painted(town: Town, surfaces: Surfaces, seed: int) -> Array:
+    """The paint of a Backdrop, as square roots."""
     ground = ground_picture(town, seed)[::-1]
     shares = [np.ascontiguousarray(ground[..., channel]) for channel in (WHITE, YELLOW, RED)]
     texture = np.ascontiguousarray(ground[..., ASPHALT])
@@ -197,5 +202,6 @@ def _painted(town: Town, surfaces: Surfaces, seed: int) -> Tuple[Array, Array]:
             bare = cv2.multiply(value, 255 - share, scale=1 / 255)
             value = cv2.add(bare, cv2.convertScaleAbs(share, alpha=math.sqrt(albedo[channel])))
         channels.append(value)
-    gloss = np.maximum.reduce([*shares, np.full_like(texture, BARE_GLOSS)])
-    return cv2.merge(channels), gloss
+    channels.append(np.maximum.reduce([*shares, np.full_like(texture, BARE_GLOSS)]))
+    painted: Array = cv2.merge(channels)
+    return painted

@@ -33,7 +33,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Frame:
-    """What was the case when a picture was answered. jpeg: the picture. gap: [m] to the nearest obstacle, inf without."""
+    """What was the case when a picture was answered. jpeg: the picture. gap: [m] to the nearest obstacle, or inf."""
 
     time: float
     jpeg: bytes

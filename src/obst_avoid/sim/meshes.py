@@ -86,6 +86,27 @@ def mesh_of(sort: str, lying: bool = False) -> Mesh:
     return mesh
 
 
+def coarse(mesh: Mesh, cell: float) -> Mesh:
+    """The same with less detail: vertices that share a cube of `cell` m and a colour become one (vertex clustering)."""
+    keys = np.concatenate([np.floor(mesh.vertices / cell), np.round(4 * mesh.albedo)], axis=1).astype(np.int64)
+    _, group, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    group = group.ravel()
+
+    def mean(values: Array) -> Array:
+        total = np.zeros((len(counts), *values.shape[1:]), dtype=np.float64)
+        np.add.at(total, group, values)
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        averaged: Array = (total / counts.reshape(shape)).astype(np.float32)
+        return averaged
+
+    normals = mean(mesh.normals)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-6)
+    triangles = group[mesh.triangles].astype(np.int32)
+    first, second, third = triangles.T
+    kept = (first != second) & (second != third) & (first != third)
+    return Mesh(mean(mesh.vertices), normals, mean(mesh.albedo), mean(mesh.gloss), np.unique(triangles[kept], axis=0))
+
+
 @functools.lru_cache(maxsize=None)
 def footprint_of(sort: str, lying: bool = False) -> Array:
     """(K, 2) convex hull, counter-clockwise, of the vertical projection of the mesh onto the ground, unit height."""

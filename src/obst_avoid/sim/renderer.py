@@ -19,7 +19,7 @@ from obst_avoid.sim import shaders
 from obst_avoid.sim.backdrop import RGB, Backdrop, Surfaces, brightness_at, make_backdrop, see
 from obst_avoid.sim.lens import Lens, lay_out
 from obst_avoid.sim.light import HEADLIGHT_COLOR, Lamp, Light, headlight
-from obst_avoid.sim.meshes import mesh_of
+from obst_avoid.sim.meshes import Mesh, coarse, mesh_of
 from obst_avoid.sim.things import Thing
 from obst_avoid.sim.town import Town, WorldPose, robot_from_world
 
@@ -29,6 +29,8 @@ NEAR = 0.01
 SMEAR_STEP = 2.0
 """[px] between the pictures that make up a blurred one."""
 LARGEST_PARTS = 16
+COARSE_BELOW, COARSE_CELL = 24.0, 0.14
+"""[px] of a thing's height in the picture below which a coarser mesh does, and its detail in heights of the thing."""
 SHADOW_RAYS, FARTHEST_SHADOW = 3, 2.0
 """Points of a lamp's disc that cast a shadow each; [m] from the robot to a thing beyond which it casts none."""
 
@@ -73,7 +75,7 @@ class Renderer:
         self._names = self._gl.program(vertex_shader=shaders.LENS + shaders.NAME, fragment_shader=shaders.FLAT)
         self._target = self._framebuffer(samples)
         self._plain = self._framebuffer(0) if samples else self._target
-        self._meshes: Dict[Tuple[str, bool], Tuple[Any, Any, Any]] = {}
+        self._meshes: Dict[Tuple[str, bool], Tuple[Any, Any, Any, Any]] = {}
         self._members = {
             id(program): {name: program[name] for name in program}
             for program in (self._things, self._shadows, self._names)
@@ -117,7 +119,7 @@ class Renderer:
             self._plain.clear(0, 0, 0, 0, depth=1.0)
             for index, thing in self._visible(scene, pose):
                 self._set(self._names, {**_place(thing, pose), 'factor': ((index + 1) / 255.0, 0.0, 0.0, 1.0)})
-                self._mesh(thing)[1].render()
+                self._mesh(thing)[2].render()
             return np.ascontiguousarray(self._read(self._plain)[..., 0])
 
     def _parts(self, path: Sequence[WorldPose]) -> List[WorldPose]:
@@ -137,7 +139,7 @@ class Renderer:
         ]
 
     def smear(self, first: WorldPose, last: WorldPose) -> float:
-        """[px] by which the road ahead moves in the picture between two poses, at most; an upper bound if it is tiny."""
+        """[px] by which the road ahead moves in the picture between two poses; an upper bound if it is tiny."""
         moved = robot_from_world(np.array([[last.x, last.y]]), first)[0]
         turn = math.remainder(last.heading - first.heading, 2 * math.pi)
         bound = self.focal_length * (abs(turn) + 5 * float(np.hypot(*moved)))
@@ -199,7 +201,7 @@ class Renderer:
             for _, thing in visible:
                 if math.hypot(thing.x - pose.x, thing.y - pose.y) < FARTHEST_SHADOW:
                     self._set(self._shadows, _place(thing, pose))
-                    self._mesh(thing)[2].render()
+                    self._mesh(thing)[3].render()
 
     def _draw_things(
         self, backdrop: Backdrop, pose: WorldPose, visible: Sequence[Tuple[int, Thing]], factors: RGB
@@ -226,7 +228,8 @@ class Renderer:
                 ),
             }
             self._set(self._things, values)
-            self._mesh(thing)[0].render()
+            far = self.focal_length * thing.height < COARSE_BELOW * math.hypot(thing.x - pose.x, thing.y - pose.y)
+            self._mesh(thing)[1 if far else 0].render()
 
     def _visible(self, scene: Scene, pose: WorldPose) -> List[Tuple[int, Thing]]:
         """Things that may be seen, or whose shadow may be, with their index."""
@@ -237,23 +240,27 @@ class Renderer:
                 kept.append((index, thing))
         return kept
 
-    def _mesh(self, thing: Thing) -> Tuple[Any, Any, Any]:
-        """Vertex arrays of a thing's mesh: in colour, by name, and its shadow's hull."""
+    def _mesh(self, thing: Thing) -> Tuple[Any, Any, Any, Any]:
+        """Vertex arrays of a thing's mesh: in colour, the same coarse, by name, and its shadow's hull."""
         key = (thing.sort, thing.lying)
         if key not in self._meshes:
             mesh = mesh_of(*key)
-            packed = np.concatenate([mesh.vertices, mesh.normals, mesh.albedo, mesh.gloss[:, None]], axis=1)
-            buffer = self._gl.buffer(packed.astype(np.float32).tobytes())
-            indices = self._gl.buffer(mesh.triangles.astype(np.int32).tobytes())
-            colored = [(buffer, '3f 3f 3f 1f', 'position', 'normal', 'albedo', 'gloss')]
-            named = [(buffer, '3f 28x', 'position')]
             hull = self._gl.buffer(_hull(mesh.vertices).astype(np.float32).tobytes())
             self._meshes[key] = (
-                self._gl.vertex_array(self._things, colored, indices),
-                self._gl.vertex_array(self._names, named, indices),
+                self._vertex_array(self._things, mesh),
+                self._vertex_array(self._things, coarse(mesh, COARSE_CELL)),
+                self._vertex_array(self._names, mesh),
                 self._gl.vertex_array(self._shadows, [(hull, '3f', 'position')]),
             )
         return self._meshes[key]
+
+    def _vertex_array(self, program: Any, mesh: Mesh) -> Any:
+        packed = np.concatenate([mesh.vertices, mesh.normals, mesh.albedo, mesh.gloss[:, None]], axis=1)
+        buffer = self._gl.buffer(packed.astype(np.float32).tobytes())
+        indices = self._gl.buffer(mesh.triangles.astype(np.int32).tobytes())
+        named = [(buffer, '3f 28x', 'position')]
+        colored = [(buffer, '3f 3f 3f 1f', 'position', 'normal', 'albedo', 'gloss')]
+        return self._gl.vertex_array(program, colored if program is self._things else named, indices)
 
     def _framebuffer(self, samples: int) -> Any:
         gl, size = self._gl, self._size

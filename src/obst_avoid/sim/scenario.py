@@ -19,7 +19,8 @@ from obst_avoid.sim.town import HEADINGS, TURNS, Route, Town, follow, lane_strip
 
 MUSTS = ('stop', 'pass', 'drive', 'arrive', 'touch_nothing')
 CLUTTER = (
-    ('duckiebot', 0.12), ('sign', 0.2), ('wood', 0.07), ('cardboard', 0.1), ('hand', 0.07), ('grass', 0.04), ('ball', 0.06),
+    ('duckiebot', 0.12), ('sign', 0.2), ('wood', 0.07), ('cardboard', 0.1), ('hand', 0.07), ('grass', 0.04),
+    ('ball', 0.06),
 )  # fmt: skip
 """Sorts and heights [m]."""
 
@@ -126,8 +127,10 @@ class Scenario:
 
 
 def load_scenario(path: str, seed: int, towns: str, instead: Optional[Mapping[str, Any]] = None) -> Scenario:
-    """One scenario of a file. towns: folder of maps; a map that ends in .yaml is a file beside the scenario. instead: values that
-    replace the file's, by name, 'light/color' for one within another.
+    """One scenario of a file.
+
+    towns: folder of maps; a map that ends in .yaml is a file beside the scenario. instead: values that replace the
+    file's, by name, 'light/color' for one within another.
 
     Raises SettingsError, also for a map or a route that cannot be.
     """
@@ -198,7 +201,7 @@ def _drawn(content: Any, random: 'np.random.RandomState', where: str) -> Any:
     if isinstance(content, dict):
         if set(content) == {'from', 'to'}:
             low, high = content['from'], content['to']
-            if not all(isinstance(value, (int, float)) for value in (low, high)) or low > high:
+            if not all(type(value) in (int, float) and math.isfinite(value) for value in (low, high)) or low > high:
                 raise SettingsError('%s = %r, expected two numbers, from <= to' % (where, content))
             return float(random.uniform(low, high))
         if set(content) == {'any'}:

@@ -92,7 +92,8 @@ def developed(encoded: Array, state: SensorState, seed: int) -> Array:
 @functools.lru_cache(maxsize=2)
 def _noise_bank(size: int) -> Array:
     """(size,) int16 of standard deviation 16."""
-    return np.rint(16 * np.random.RandomState(1).standard_normal(size)).astype(np.int16)
+    bank: Array = np.rint(16 * np.random.RandomState(1).standard_normal(size)).astype(np.int16)
+    return bank
 
 
 @functools.lru_cache(maxsize=1)

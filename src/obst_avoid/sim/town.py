@@ -91,7 +91,7 @@ class Route:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """[m] of all segments."""
         return self.starts[-1] + self.segments[-1].length
 
 
@@ -186,9 +186,7 @@ def locate(route: Route, pose: WorldPose, near: float, window: float = 0.6) -> T
     for index in range(_index(route, near - window), _index(route, near + window) + 1):
         segment = route.segments[index]
         rest, d, heading = _local(segment, pose.x, pose.y)
-        clipped = min(max(rest, 0.0), segment.length)
-        inner = (index == 0 and rest < 0) or (index == len(route.segments) - 1 and rest > segment.length)
-        distance = abs(d) + (0.0 if inner else abs(rest - clipped))
+        distance = abs(d) + abs(rest - min(max(rest, 0.0), segment.length))
         if best is None or distance < best[0]:
             phi = math.remainder(pose.heading - heading, 2 * math.pi)
             best = (distance, route.starts[index] + rest, LanePose(d, phi, segment.curvature))
