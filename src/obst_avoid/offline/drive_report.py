@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import os
 from bisect import bisect_right
 from dataclasses import dataclass, field
@@ -193,12 +194,13 @@ def film_of_drive(drive: Drive, view: BirdView, town: Optional[Map], title: str)
         yield compose(shot, view, town, path, title)
 
 
-def _standing(obstacles: Sequence[Obstacle], pose: Tuple[float, float, float]) -> List[Tuple[Array, bool]]:
-    """Outlines in the world of obstacles in the robot frame; their kind is not on the wire."""
+def _standing(
+    obstacles: Sequence[Obstacle], pose: Tuple[float, float, float]
+) -> List[Tuple[float, float, Optional[bool]]]:
+    """Where obstacles in the robot frame stand in the world, and whether in the lane."""
     x, y, heading = pose
-    cos, sin = np.cos(heading), np.sin(heading)
-    places = [(x + cos * item.x - sin * item.y, y + sin * item.x + cos * item.y) for item in obstacles]
-    return [(np.array([place]), item.in_lane is not False) for place, item in zip(places, obstacles)]
+    cos, sin = math.cos(heading), math.sin(heading)
+    return [(x + cos * item.x - sin * item.y, y + sin * item.x + cos * item.y, item.in_lane) for item in obstacles]
 
 
 def plot(drive: Drive, path: str) -> None:

@@ -20,8 +20,8 @@ from obst_avoid.sim.episode import Frame, Robot
 from obst_avoid.sim.paint import ASPHALT, PIXELS, RED, WHITE, YELLOW, ground_picture
 from obst_avoid.sim.scenario import Scenario, place
 from obst_avoid.sim.settings import SimulationSettings
-from obst_avoid.sim.things import outline
 from obst_avoid.sim.town import Town
+from obst_avoid.sim.truth import obstacles_of
 from obst_avoid.viz.film import SIZE, Map, Shot, compose, shrunk_map
 
 MAP_COLORS = {WHITE: (235, 235, 235), YELLOW: (40, 200, 240), RED: (40, 40, 200)}
@@ -86,7 +86,8 @@ def film_of(frames: Sequence[Frame], scenario: Scenario, view: BirdView, title: 
             continue
         pairs = zip(scenario.obstacles, frame.world.actors)
         things = [place(item, scenario, actor.left) for item, actor in pairs if actor.here]
-        standing = [(outline(thing), thing.sort == 'duckie') for thing in things]
+        found = obstacles_of(things, scenario.town, scenario.route, frame.world.along, pose)
+        standing = [(thing.x, thing.y, obstacle.in_lane) for thing, obstacle in zip(things, found)]
         shot = Shot(
             frame.time, decode_jpeg(frame.jpeg), frame.obstacles, frame.decision, frame.command.v,
             (pose.x, pose.y, pose.heading), standing,

@@ -9,7 +9,7 @@ import numpy as np
 
 from obst_avoid.core.bird_view import BirdView, crop, warp
 from obst_avoid.core.types import Array, Decision, Obstacle, State
-from obst_avoid.viz.overlay import FONT, SHADE, TEXT, draw_on_bird_view, draw_on_picture
+from obst_avoid.viz.overlay import FONT, INSIDE, OUTSIDE, SHADE, TEXT, draw_on_bird_view, draw_on_picture
 
 SIZE = (1120, 640)
 """[px] width, height of the film."""
@@ -17,7 +17,7 @@ STATE_COLORS = {
     State.CLEAR: (80, 160, 60), State.SLOWING: (0, 165, 255), State.AVOIDING: (200, 130, 30),
     State.STOPPED: (40, 40, 220), State.FAULT: (130, 50, 150),
 }  # fmt: skip
-ROBOT, PATH, DUCKIE, OTHER = (230, 120, 40), (80, 220, 255), (40, 215, 255), (30, 110, 250)
+ROBOT, PATH = (230, 120, 40), (80, 220, 255)
 AHEAD, BEHIND, HALF = 0.066, 0.114, 0.075
 """[m] of the robot that is drawn."""
 
@@ -38,8 +38,8 @@ class Map:
 class Shot:
     """What one picture of the film shows. time: [s]. picture: (H, W, 3) uint8 BGR. speed: [m/s] as commanded.
 
-    pose: x, y [m], heading [rad] in the world, where it is known. standing: outlines (K, 2) of the obstacles that are
-    there, world frame, each with True for a duckie.
+    pose: x, y [m], heading [rad] in the world, where it is known. standing: the obstacles that are there, in truth:
+    x and y [m] in the world, and whether it stands in the lane.
     """
 
     time: float
@@ -48,7 +48,7 @@ class Shot:
     decision: Decision
     speed: float
     pose: Optional[Tuple[float, float, float]] = None
-    standing: Sequence[Tuple[Array, bool]] = ()
+    standing: Sequence[Tuple[float, float, Optional[bool]]] = ()
 
 
 def compose(shot: Shot, view: BirdView, town: Optional[Map], path: Sequence[Tuple[float, float]], title: str) -> Array:
@@ -88,10 +88,8 @@ def _drawn_map(town: Map, shot: Shot, path: Sequence[Tuple[float, float]]) -> Ar
     if len(path) > 1:
         points = np.array([town.pixel(x, y) for x, y in path], dtype=np.int32)
         cv2.polylines(drawn, [points.reshape(-1, 1, 2)], False, PATH, 2 * unit, cv2.LINE_AA)
-    for outline, duckie in shot.standing:
-        points = np.array([town.pixel(x, y) for x, y in outline], dtype=np.int32)
-        middle = points.mean(axis=0)
-        cv2.circle(drawn, (int(middle[0]), int(middle[1])), 5 * unit, DUCKIE if duckie else OTHER, -1, cv2.LINE_AA)
+    for x, y, inside in shot.standing:
+        cv2.circle(drawn, town.pixel(x, y), 5 * unit, OUTSIDE if inside is False else INSIDE, -1, cv2.LINE_AA)
     if shot.pose is not None:
         x, y, heading = shot.pose
         corners = [(AHEAD, HALF), (AHEAD, -HALF), (-BEHIND, -HALF), (-BEHIND, HALF)]
