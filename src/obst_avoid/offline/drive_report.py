@@ -149,7 +149,8 @@ def summary_of(drive: Drive) -> Dict[str, Any]:
     if drive.contacts:
         touched = [time for time, contact in drive.contacts if contact]
         summary['contacts'] = int(bool(touched))
-        summary['smallest_gap_m'] = round(min((gap for _, gap in drive.gaps), default=float('inf')), 3)
+        gap = min((gap for _, gap in drive.gaps), default=math.inf)
+        summary['smallest_gap_m'] = round(gap, 3) if math.isfinite(gap) else None  # JSON knows no inf
         summary['stops_before_an_obstacle'] = _true_stops(drive)
     return summary
 

@@ -16,7 +16,7 @@ from obst_avoid.core.settings import load, read_yaml
 from obst_avoid.core.types import Array, Kind
 from obst_avoid.offline import tool
 from obst_avoid.offline.simulation import calibration_of, simulation_settings, towns_folder
-from obst_avoid.sim.exam import ExamSettings, Question, Span, ask, sheet_question
+from obst_avoid.sim.exam import ExamSettings, Question, ask, sheet_question
 from obst_avoid.sim.renderer import Renderer, RenderError
 from obst_avoid.sim.settings import SimulationSettings
 from obst_avoid.sim.town import Town, town_from_mapping
@@ -88,14 +88,14 @@ def _start(options: argparse.Namespace) -> None:
     content = read_yaml(path)
     if options.lights and isinstance(content, dict):
         content['colors'] = options.lights
+    if options.distances and isinstance(content, dict):
+        content['distance'] = {'from': min(options.distances), 'to': max(options.distances)}
     settings = load(ExamSettings, content, path)
     if options.layouts:
         unknown = [name for name in options.layouts if name not in settings.layouts]
         if unknown:
             raise tool.ToolError('%s is no layout, expected: %s' % (unknown[0], ', '.join(settings.layouts)))
         settings = replace(settings, layouts={name: settings.layouts[name] for name in options.layouts})
-    if options.distances:
-        settings = replace(settings, distance=Span(*sorted(options.distances)))
     try:
         renderer = Renderer(calibration_of(options), SAMPLES)
     except RenderError as error:

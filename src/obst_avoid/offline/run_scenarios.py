@@ -39,7 +39,7 @@ def main(arguments: Any = None) -> int:
     add_robot_arguments(parser)
     parser.add_argument('--count', type=tool.count, default=1, help='episodes of each scenario (default: 1)')
     parser.add_argument(
-        '--seed', type=int, default=1, help='of the first episode; the next one has the next (default: 1)'
+        '--seed', type=tool.seed, default=1, help='of the first episode; the next one has the next (default: 1)'
     )
     parser.add_argument('--jobs', type=tool.count, default=1, help='episodes at the same time (default: 1)')
     parser.add_argument('--pose-errors', metavar='NAME', help='of simulation.yaml, instead of what the scenarios name')
@@ -68,7 +68,7 @@ def _main(options: argparse.Namespace) -> int:
             outcomes = [future.result() for future in tool.progress(as_completed(futures), 'driving', len(futures))]
     order = {task: index for index, task in enumerate(tasks)}
     outcomes.sort(key=lambda outcome: order[outcome['file'], outcome['seed']])
-    families = {os.path.basename(path)[:-5]: [o for o in outcomes if o['file'] == path] for path in files}
+    families = {_family(path): [o for o in outcomes if o['file'] == path] for path in files}
     summary = {name: summarise(found) for name, found in families.items()}
     print(table(summary))
     if options.output:
@@ -202,13 +202,19 @@ def _instead(options: argparse.Namespace) -> Dict[str, Any]:
 def _files(options: argparse.Namespace) -> List[str]:
     folder = os.path.join(options.config or os.path.join(tool.package_folder(), 'config'), 'scenarios')
     names = options.scenarios or sorted(name for name in os.listdir(folder) if name.endswith('.yaml'))
-    files = []
+    files: Dict[str, str] = {}
     for name in names:
-        path = (
-            name if os.path.exists(name) else os.path.join(folder, name if name.endswith('.yaml') else name + '.yaml')
-        )
+        inside = os.path.join(folder, name if name.endswith('.yaml') else name + '.yaml')
+        path = name if os.path.isfile(name) else inside
         if not os.path.isfile(path):
             known = ', '.join(sorted(entry[:-5] for entry in os.listdir(folder) if entry.endswith('.yaml')))
             raise tool.ToolError('%s is no scenario, expected a YAML file or one of: %s' % (name, known))
-        files.append(path)
-    return files
+        if _family(path) in files:
+            raise tool.ToolError('%s and %s have one name, expected different ones' % (files[_family(path)], path))
+        files[_family(path)] = path
+    return list(files.values())
+
+
+def _family(path: str) -> str:
+    """What a scenario is called."""
+    return os.path.splitext(os.path.basename(path))[0]

@@ -60,6 +60,14 @@ def count(value: str) -> int:
     return number
 
 
+def seed(value: str) -> int:
+    """Argument type: a whole number from 0 on."""
+    number = int(value)
+    if not 0 <= number < 1 << 31:
+        raise argparse.ArgumentTypeError('%s, expected a whole number from 0 to 2147483647' % value)
+    return number
+
+
 def new_file(path: str) -> str:
     """Check before the work that a file can be written after it, and that nothing is lost by it."""
     if os.path.exists(path):

@@ -35,9 +35,9 @@ class Span:
         return int(random.randint(int(self.low), int(self.high) + 1))
 
 
-def span() -> Any:
+def span(above: float = -math.inf) -> Any:
     """A field that holds a range, {from: number, to: number} in YAML."""
-    return checked(lambda value, where: _span(value, where))
+    return checked(lambda value, where: _span(value, where, above))
 
 
 def names_of(known: Sequence[str]) -> Any:
@@ -63,7 +63,7 @@ class ExamSettings:
 
     layouts: Dict[str, LayoutSettings] = checked(lambda value, where: _layouts(value, where))
     colors: Tuple[str, ...] = names_of(tuple(COLORS))
-    strength: Span = span()
+    strength: Span = span(above=0)
     lamps: Span = span()
     glare: Span = span()
     unevenness: Span = span()
@@ -75,7 +75,7 @@ class ExamSettings:
     sharp: float = number('share', at_least=0, at_most=1)
     obstacles: Span = span()
     sorts: Tuple[str, ...] = names_of(SORTS)
-    height: Span = span()
+    height: Span = span(above=0)
     distance: Span = span()
     left: Span = span()
     lying: float = number('share', at_least=0, at_most=1)
@@ -221,10 +221,12 @@ def _surfaces(tint: float, random: 'np.random.RandomState') -> Surfaces:
     )  # fmt: skip
 
 
-def _span(value: Any, where: str) -> Span:
+def _span(value: Any, where: str, above: float) -> Span:
     good = isinstance(value, dict) and set(value) == {'from', 'to'}
-    if not good or not all(isinstance(end, (int, float)) for end in value.values()) or value['from'] > value['to']:
-        raise SettingsError('%s = %r, expected {from: number, to: number}' % (where, value))
+    good = good and all(type(end) in (int, float) and math.isfinite(end) for end in value.values())
+    if not good or not above < value['from'] <= value['to']:
+        limit = ', both > %g' % above if math.isfinite(above) else ''
+        raise SettingsError('%s = %r, expected {from: number, to: number}%s' % (where, value, limit))
     return Span(value['from'], value['to'])
 
 

@@ -7,12 +7,13 @@ from typing import List, Tuple
 import numpy as np
 
 from obst_avoid.core.calibration import Calibration
-from obst_avoid.core.geometry import image_from_rectified, rectified_from_image
+from obst_avoid.core.geometry import image_from_rectified
 from obst_avoid.core.types import Array
 
 FARTHEST = 30.0
 """[m] at which the road is taken to be below the horizon still."""
 MOST_TAPS = 4
+ITERATIONS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ def lay_out(calibration: Calibration) -> Lens:
     eye = -np.linalg.solve(projection[:, :3], projection[:, 3])
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     pixels = np.column_stack([u.ravel(), v.ravel()])
-    rectified = rectified_from_image(calibration, pixels)
+    rectified = _rectified(calibration, pixels)
     seen = np.isfinite(rectified).all(axis=1)
     rectified = np.nan_to_num(rectified)
     seen &= np.abs(image_from_rectified(calibration, rectified) - pixels).max(axis=1) < 0.05
@@ -77,6 +78,31 @@ def lay_out(calibration: Calibration) -> Lens:
         eye,
         _fold(calibration),
     )
+
+
+def _rectified(calibration: Calibration, pixels: Array) -> Array:
+    """Where pixels of the picture lie in the rectified one, (N, 2) to (N, 2); beyond the lens's fold: somewhere.
+
+    Near the fold OpenCV's own iteration does not converge. Here the radial part is inverted by a table and only the
+    small tangential part by iteration.
+    """
+    k1, k2, p1, p2, k3 = calibration.distortion
+    radius = np.linspace(0, math.sqrt(_fold(calibration)), 20001)
+    squared = radius**2
+    bent = radius * (1 + squared * (k1 + squared * (k2 + squared * k3)))
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(calibration.camera_matrix).T
+    goal, shift = rays[:, :2], np.zeros((len(pixels), 2))
+    for _ in range(ITERATIONS):
+        radial = goal - shift
+        length = np.hypot(radial[:, 0], radial[:, 1])
+        point = radial * (np.interp(length, bent, radius) / np.maximum(length, 1e-12))[:, None]
+        x, y = point.T
+        r2 = x * x + y * y
+        shift = np.column_stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y])
+    rectified = np.column_stack([point, np.ones(len(point))])
+    rectified = rectified @ (calibration.projection @ calibration.rectification).T
+    flat: Array = rectified[:, :2] / rectified[:, 2:]
+    return flat
 
 
 def _projection(calibration: Calibration) -> Array:
