@@ -28,6 +28,7 @@ AHEAD = 0.066
 """[m] of the body ahead of the axle."""
 SCENARIO = """
 about: A duckie stands in the middle of the lane.
+seed: 1
 map: straight
 start: {column: 0, row: 0, heading: east, along: 0.5, d: 0.0, phi: 0.0}
 turns: []

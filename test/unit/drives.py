@@ -38,6 +38,7 @@ def mapping(*obstacles: Dict[str, Any], success: Optional[Dict[str, Any]] = None
     """The content of a scenario file: a straight road with obstacles, nothing random."""
     return {
         'about': 'a test',
+        'seed': 1,
         'map': 'straight',
         'start': START,
         'turns': [],

@@ -1,5 +1,8 @@
 """sim.episode: the programs hear of things as late as on a robot, and an episode ends with the right verdict."""
 
+from __future__ import annotations  # the robot's pytest does not export its fixtures' types
+
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -48,7 +51,9 @@ def play(
     """Plays an episode with a made-up detector: it is given the truth and answers what it likes."""
     robot: Any = Robot(None, avoidance_settings, lane_control_settings)  # type: ignore[arg-type]
 
-    def make(content: Dict[str, Any], sight: Sight = perfect, watch: Any = lambda frame: None, **changes: Any) -> Outcome:
+    def make(
+        content: Dict[str, Any], sight: Sight = perfect, watch: Any = lambda frame: None, **changes: Any
+    ) -> Outcome:
         shown: List[Any] = []
 
         def picture(world: World, place: Place, renderer: Any) -> Tuple[Any, World]:
@@ -80,7 +85,8 @@ def test_it_stops_before_a_cone(play: Any) -> None:
 def test_a_blind_robot_hits_it(play: Any) -> None:
     outcome = play(mapping(thing(0.5, sort='duckie', height=0.05)), blind)
     assert not outcome.success and outcome.contact is not None
-    assert outcome.why == 'touched a duckie at %.2f s, x %.2f m, y 0.17 m' % (outcome.seconds, outcome.contact.x)
+    expected = 'touched a duckie at %.2f s, x %.2f m, y 0.17 m' % (outcome.contact.time, outcome.contact.x)
+    assert outcome.why == expected
     assert outcome.contact.time == pytest.approx(outcome.seconds, abs=1e-3)
     assert (outcome.stops, outcome.stop_gap, outcome.in_the_way) == (0, None, True)
 
@@ -109,7 +115,9 @@ def test_a_stop_counts_as_false_without_an_obstacle_near(
     assert (outcome.stops, outcome.false_stops) == (1, false_stops)
 
 
-@pytest.mark.parametrize('must, success', [('arrive', False), ('pass', False), ('drive', False), ('touch_nothing', True)])
+@pytest.mark.parametrize(
+    'must, success', [('arrive', False), ('pass', False), ('drive', False), ('touch_nothing', True)]
+)
 def test_patience_ends(play: Any, must: str, success: bool) -> None:
     outcome = play(mapping(thing(0.7), success={'must': must}), patience=3.0)
     assert outcome.success is success
@@ -120,7 +128,7 @@ def test_patience_ends(play: Any, must: str, success: bool) -> None:
 def test_time_runs_out(play: Any, must: str, success: bool) -> None:
     outcome = play(mapping(duration=1.0, success={'must': must}), blind)
     assert (outcome.success, outcome.seconds) == (success, pytest.approx(1.0, abs=STEP))
-    assert outcome.why.startswith('ran out of time after 0.1') and outcome.why.endswith('clear: no obstacle in the lane')
+    assert re.match(r'ran out of time after 0\.1\d m: clear: no obstacle in the lane$', outcome.why)
 
 
 @pytest.mark.parametrize('smallest, largest, success', [(0.3, 0.45, True), (0.05, 0.2, False), (0.42, 0.45, False)])
@@ -131,7 +139,7 @@ def test_the_gap_must_be_right(play: Any, smallest: float, largest: float, succe
 
 def test_time_beyond_a_line(play: Any) -> None:
     outcome = play(mapping(start={**START, 'd': 0.2}, success={'must': 'drive', 'goal': 0.8}), blind)
-    assert outcome.success
+    assert (outcome.success, outcome.why[:17]) == (False, 'left the lane for')
     # from 0.2 m back to 0.11 m; 0.15 m of convergence length at 0.2 m/s
     assert 0.3 < outcome.off_lane < 2.0
     assert play(mapping(success={'must': 'drive', 'goal': 0.3}), blind).off_lane == 0.0
@@ -212,7 +220,8 @@ def test_clean_lane_poses_come_at_once(graph: Any) -> None:
 
 
 def test_before_the_first_answer_it_stands(graph: Any) -> None:
-    _, _, frames = graph(picture_delay=0.5, picture_rate=10.0)
+    _, _, frames = graph(picture_delay=0.25, picture_rate=10.0)
+    assert frames[0].world.time == pytest.approx(0.25, abs=STEP)
     assert frames[0].world.vehicle.v == 0 and not frames[0].world.drove
     assert frames[-1].world.vehicle.v > 0.15
 
@@ -223,11 +232,15 @@ def decision(state: State) -> Decision:
 
 
 def judged(
-    folder: Path, success: Dict[str, Any], along: float = 0.9, state: State = State.STOPPED, stops: int = 0, **world: Any
+    folder: Path,
+    success: Dict[str, Any],
+    along: float = 0.9,
+    state: State = State.STOPPED,
+    stops: int = 0,
+    **world: Any,
 ) -> Optional[Tuple[bool, str]]:
-    """The verdict on a world with a cone 1.5 m from the start; the robot has come `along` m on the route."""
-    scenario = scenario_of(folder, mapping(thing(1.2), start={**START, 'along': along}, success=success))
-    place, begun = worlds.begin(replace(scenario, start=0.3, obstacles=scenario.obstacles), quiet())
+    """The verdict on a world with a cone 1.1 m from the start, at 0.3 m; the robot has come to `along` m."""
+    place, begun = worlds.begin(scenario_of(folder, mapping(thing(1.1), success=success)), quiet())
     begun = replace(begun, along=along, vehicle=replace(begun.vehicle, pose=replace(begun.vehicle.pose, x=along)))
     tally = episode._Tally()
     tally.stops = stops
@@ -253,7 +266,6 @@ VERDICTS = {
     'drove': ({'must': 'drive', 'goal': 0.5}, {}, (True, 'arrived')),
     'drove with stops': ({'must': 'drive', 'goal': 0.5}, {'stops': 2}, (False, 'stopped 2 times for nothing')),
     'not there yet': ({'must': 'drive', 'goal': 0.7}, {}, None),
-    'the end of the road': ({'must': 'arrive', 'goal': 9.0}, {'along': 4.34}, (True, 'arrived')),
     'time is over': ({'must': 'arrive'}, {'time': 20.0}, (False, 'ran out of time after 0.60 m: because')),
     'time is over, untouched': (
         {'must': 'touch_nothing'}, {'time': 20.0}, (True, 'ran out of time after 0.60 m: because'),
@@ -261,7 +273,7 @@ VERDICTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize('success, case, expected', VERDICTS.values(), ids=VERDICTS)
+@pytest.mark.parametrize('success, case, expected', VERDICTS.values(), ids=list(VERDICTS))
 def test_verdicts(success: Any, case: Any, expected: Any, tmp_path: Path) -> None:
     assert judged(tmp_path, success, **case) == expected
 
@@ -312,8 +324,8 @@ def test_a_real_episode(tmp_path: Path) -> None:
         avoidance_settings(),
         lane_control_settings(),
     )
-    content = mapping(thing(0.75, sort='duckie', height=0.06, yaw=2.5), start={**START, 'along': 0.5})
-    scenario, settings = scenario_of(tmp_path, content), quiet(picture_rate=10.0)
+    content = mapping(thing(0.65, sort='duckie', height=0.06, yaw=2.5), start={**START, 'along': 0.5})
+    scenario, settings = scenario_of(tmp_path, content), quiet(picture_rate=10.0, calm=0.5)
     runs = []
     for _ in range(2):
         renderer, frames = Renderer(calibration), []

@@ -101,11 +101,11 @@ def test_in_lane_at_an_intersection(turn: str, x: float, y: float, expected: Opt
     assert in_lane(CROSSING, follow(CROSSING, 0, 1, 'east', [turn]), x, y) is expected
 
 
-def test_what_is_behind_or_far_ahead_is_in_no_lane_of_ours() -> None:
+def test_what_is_behind_is_in_no_lane_of_ours_and_what_is_far_ahead_is_unknown() -> None:
     long = town('──────────')
     route = follow(long, 0, 0, 'east')
     # at least from 0.3 m behind to 3 m ahead, and not much more
-    places = [(0.6, False), (1.25, True), (2.0, True), (4.45, True), (5.2, False)]
+    places = [(0.6, False), (1.25, True), (2.0, True), (4.45, True), (5.2, None)]
     assert [in_lane(long, route, x, 0.17, along=1.5) for x, _ in places] == [expected for _, expected in places]
 
 

@@ -49,7 +49,8 @@ def driven(time: float) -> float:
 
 def test_the_beginning(begun: Any) -> None:
     place, world = begun(start={**START, 'd': 0.02, 'phi': -0.1})
-    assert (world.time, world.along, world.pictures, world.stood, world.drove) == (0.0, pytest.approx(BEGIN), 0, 0, False)
+    assert (world.time, world.along) == (0.0, pytest.approx(BEGIN))
+    assert (world.pictures, world.stood, world.drove, world.contact) == (0, 0.0, False, None)
     pose = world.vehicle.pose
     assert (pose.x, pose.y, pose.heading) == pytest.approx((BEGIN, LANE + 0.02, -0.1))
     assert (world.lane_pose.d, world.lane_pose.phi) == pytest.approx((0.02, -0.1))

@@ -10,6 +10,7 @@ from typing import Any, Dict, List
 
 from obst_avoid.offline import tool
 from obst_avoid.offline.drive_report import report
+from obst_avoid.offline.simulation import calibration_of
 from obst_avoid.offline.summary import table
 
 SHOWN = ('[INFO]', '[WARN]', '[ERROR]', '[FATAL]', 'Traceback', 'Error')
@@ -32,6 +33,7 @@ def main(arguments: Any = None) -> int:
 
 def _main(options: argparse.Namespace) -> int:
     output = options.output = os.path.abspath(options.output)
+    calibration_of(options)  # what is wrong with it is said before the drive
     os.makedirs(output, exist_ok=True)
     made = (
         'summary.json',

@@ -32,7 +32,7 @@ FILM_RATE = 10.0
 
 @dataclass
 class Drive:
-    """What a bag holds, in order of time. Times in s since the first picture."""
+    """What a bag holds, in order of time. Times in s since the first message."""
 
     pictures: List[Tuple[float, int, bytes]] = field(default_factory=list)
     obstacles: Dict[int, List[Obstacle]] = field(default_factory=dict)
@@ -173,9 +173,9 @@ def film_of_drive(drive: Drive, view: BirdView, town: Optional[Map], title: str)
     command_times, pose_times = [item[0] for item in drive.commands], [item[0] for item in drive.poses]
     seen_times = [time for time, _ in drive.true_obstacles]
     begin = drive.pictures[0][0]
-    due = begin
+    due, shown = begin, False
     for time, stamp, jpeg in tool.progress(drive.pictures, 'film'):
-        if time + 1e-6 < due or stamp not in drive.obstacles:
+        if time + 1e-6 < due:
             continue
         due = max(due + 1 / FILM_RATE, time)
         try:
@@ -191,8 +191,11 @@ def film_of_drive(drive: Drive, view: BirdView, town: Optional[Map], title: str)
         standing = _standing(drive.true_obstacles[seen][1], pose) if seen >= 0 and pose else ()
         path = [(x, y) for _, x, y, _ in drive.poses[:place]]
         speed = drive.commands[command][1] if command >= 0 else 0.0
-        shot = Shot(time - begin, picture, drive.obstacles[stamp], decision, speed, pose, standing)
+        shot = Shot(time - begin, picture, drive.obstacles.get(stamp, []), decision, speed, pose, standing)
+        shown = True
         yield compose(shot, view, town, path, title)
+    if not shown:
+        raise tool.ToolError('no picture of the recording decodes, expected at least one')
 
 
 def _standing(

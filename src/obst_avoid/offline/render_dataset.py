@@ -16,10 +16,10 @@ from obst_avoid.core.settings import load, read_yaml
 from obst_avoid.core.types import Array, Kind
 from obst_avoid.offline import tool
 from obst_avoid.offline.simulation import calibration_of, simulation_settings, towns_folder
-from obst_avoid.sim.exam import ExamSettings, Question, ask, sheet_question
+from obst_avoid.sim.exam import ROAD, ExamSettings, Question, ask, sheet_question
 from obst_avoid.sim.renderer import Renderer, RenderError
 from obst_avoid.sim.settings import SimulationSettings
-from obst_avoid.sim.town import Town, town_from_mapping
+from obst_avoid.sim.town import Town, follow, town_from_mapping
 from obst_avoid.viz.overlay import contact_sheet
 
 CATEGORIES = {Kind.DUCKIE: 1, Kind.CONE: 2}
@@ -41,7 +41,7 @@ def main(arguments: Any = None) -> int:
     parser.add_argument('--config', metavar='DIR', default='', help="folder of settings (default: the package's own)")
     parser.add_argument('--settings', metavar='FILE', help='what is rendered (default: exam.yaml of the settings)')
     parser.add_argument('--count', type=tool.count, default=100, help='pictures (default: 100)')
-    parser.add_argument('--seed', type=int, default=1, help='another one gives other pictures (default: 1)')
+    parser.add_argument('--seed', type=tool.seed, default=1, help='another one gives other pictures (default: 1)')
     parser.add_argument('--layouts', metavar='NAME', nargs='+', help='only these of the settings')
     parser.add_argument('--lights', metavar='COLOR', nargs='+', help='instead of those of the settings')
     parser.add_argument('--distances', metavar='M', type=float, nargs=2, help='nearest and farthest obstacle')
@@ -66,7 +66,7 @@ def _main(options: argparse.Namespace) -> int:
         with ProcessPoolExecutor(options.jobs, get_context('spawn'), _start, (options,)) as workers:
             answers = list(tool.progress(workers.map(_render, indices, chunksize=4), 'rendering', options.count))
     content = {
-        'info': {'seed': options.seed, 'settings': os.path.basename(_settings_path(options))},
+        'info': {'options': vars(options)},
         'categories': [{'id': number, 'name': kind.value} for kind, number in CATEGORIES.items()],
         'images': [image for image, _ in answers],
         'annotations': [
@@ -96,6 +96,9 @@ def _start(options: argparse.Namespace) -> None:
         if unknown:
             raise tool.ToolError('%s is no layout, expected: %s' % (unknown[0], ', '.join(settings.layouts)))
         settings = replace(settings, layouts={name: settings.layouts[name] for name in options.layouts})
+    towns = _towns(settings, options.config)
+    for layout in settings.layouts.values():  # what is wrong is said before the first picture
+        follow(towns[layout.map], layout.column, layout.row, layout.heading, layout.turns, ROAD)
     try:
         renderer = Renderer(calibration_of(options), SAMPLES)
     except RenderError as error:
@@ -106,7 +109,7 @@ def _start(options: argparse.Namespace) -> None:
         settings=settings,
         simulation=simulation,
         renderer=renderer,
-        towns=_towns(settings, options.config),
+        towns=towns,
     )
 
 
@@ -130,7 +133,7 @@ def _image(question: Question, index: int, name: str) -> Dict[str, Any]:
         'complete': {'duckie': 'all', 'cone': 'all'}, 'layout': question.layout,
         'light_strength': round(question.strength, 4), 'blur_px': round(question.blur, 2),
         'glare': round(question.glare, 3), 'exposure_s': round(question.sensor.exposure, 5),
-        'gain': round(question.sensor.gain, 2),
+        'gain': round(question.sensor.gain, 2), 'exposure_error_stops': round(question.exposure_error, 3),
         'lane_pose': {'d': pose.d, 'phi': pose.phi, 'curvature': pose.curvature},
     }  # fmt: skip
 

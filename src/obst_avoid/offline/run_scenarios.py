@@ -7,7 +7,7 @@ import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, replace
 from multiprocessing import get_context
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ from obst_avoid.offline.simulation import (
     towns_folder,
     write_film,
 )  # fmt: skip
+from obst_avoid.sim import world as worlds
 from obst_avoid.sim.episode import Frame, Outcome, run
 from obst_avoid.sim.renderer import Renderer, RenderError
 from obst_avoid.sim.scenario import load_scenario
@@ -39,13 +40,15 @@ def main(arguments: Any = None) -> int:
     add_robot_arguments(parser)
     parser.add_argument('--count', type=tool.count, default=1, help='episodes of each scenario (default: 1)')
     parser.add_argument(
-        '--seed', type=tool.seed, default=1, help='of the first episode; the next one has the next (default: 1)'
+        '--seed', type=tool.seed, help='of the first episode; the next one has the next (default: as in the file)'
     )
     parser.add_argument('--jobs', type=tool.count, default=1, help='episodes at the same time (default: 1)')
     parser.add_argument('--pose-errors', metavar='NAME', help='of simulation.yaml, instead of what the scenarios name')
     parser.add_argument('--light', metavar='COLOR', help='of the lamps, instead of what the scenarios name')
     parser.add_argument('--picture-rate', metavar='HZ', type=tool.rate, help='instead of that of simulation.yaml')
-    parser.add_argument('--output', metavar='DIR', help='folder for scenarios.json, and films of what failed')
+    parser.add_argument(
+        '--output', metavar='DIR', help='folder for scenarios.json, table.txt, and films of what failed'
+    )
     parser.add_argument('--films', choices=('failures', 'all', 'none'), default='failures', help='(default: failures)')
     parser.add_argument(
         'scenarios', metavar='SCENARIO', nargs='*', help='YAML files, or names of config/scenarios; without any: all'
@@ -58,7 +61,7 @@ def _main(options: argparse.Namespace) -> int:
     if options.output:
         os.makedirs(options.output, exist_ok=True)
     _start(options)  # what is wrong is said here, once, not by every worker
-    tasks = [(path, options.seed + index) for path in files for index in range(options.count)]
+    tasks = [(path, first + index) for path, first in _first_seeds(files, options) for index in range(options.count)]
     if options.jobs == 1:
         outcomes = [_drive(*task) for task in tool.progress(tasks, 'driving')]
     else:
@@ -74,7 +77,9 @@ def _main(options: argparse.Namespace) -> int:
     if options.output:
         path = os.path.join(options.output, 'scenarios.json')
         with open(path, 'w', encoding='utf-8') as file:
-            json.dump({'families': summary, 'episodes': outcomes}, file, indent=1)
+            json.dump({'options': vars(options), 'families': summary, 'episodes': outcomes}, file, indent=1)
+        with open(os.path.join(options.output, 'table.txt'), 'w', encoding='utf-8') as file:
+            file.write(table(summary) + '\n')
         print('\n%s' % path)
     for outcome in outcomes:
         if not outcome['success']:
@@ -83,11 +88,15 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
-    """The figures of one family. Shares come with 95 % intervals (Clopper and Pearson)."""
+    """The figures of one family. Shares come with 95 % intervals (Clopper and Pearson).
+
+    median_gap_m: of the episodes without contact.
+    """
     count = len(outcomes)
     hits = sum(outcome['contact'] is not None for outcome in outcomes)
     met = sum(outcome['in_the_way'] for outcome in outcomes)
-    gaps = [outcome['smallest_gap'] for outcome in outcomes if outcome['smallest_gap'] is not None]
+    gaps = [o['smallest_gap'] for o in outcomes if o['smallest_gap'] is not None]
+    kept = [o['smallest_gap'] for o in outcomes if o['smallest_gap'] is not None and o['contact'] is None]
     seconds, metres = sum(o['seconds'] for o in outcomes), sum(max(o['driven'], 0.0) for o in outcomes)
     return {
         'episodes': count,
@@ -99,7 +108,7 @@ def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
         'false_stops': sum(outcome['false_stops'] for outcome in outcomes),
         'metres': round(metres, 1),
         'smallest_gap_m': round(min(gaps), 3) if gaps else None,
-        'median_gap_m': round(float(np.median(gaps)), 3) if gaps else None,
+        'median_gap_m': round(float(np.median(kept)), 3) if kept else None,
         'off_lane_share': round(sum(o['off_lane'] for o in outcomes) / seconds, 4) if seconds else None,
     }
 
@@ -171,7 +180,8 @@ def _drive(path: str, seed: int) -> Dict[str, Any]:
         film = os.path.join(options.output, '%s_%d.mp4' % (scenario.name, seed))
         every = max(1, round(_state['settings'].picture_rate / FILM_RATE))
         title = '%s, seed %d: %s' % (scenario.name, seed, outcome.why)
-        write_film(film, film_of(frames, scenario, _state['view'], title, every), FILM_RATE)
+        rate = _state['settings'].picture_rate / every
+        write_film(film, film_of(frames, scenario, _state['view'], title, every), rate)
     return {'file': path, 'film': film, **plain(outcome)}
 
 
@@ -184,6 +194,16 @@ def plain(outcome: Outcome) -> Dict[str, Any]:
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in values.items()
     }
+
+
+def _first_seeds(files: Sequence[str], options: argparse.Namespace) -> List[Tuple[str, int]]:
+    """Load each scenario once, so that what is wrong in one of many is said before the first is driven."""
+    first = []
+    for path in files:
+        scenario = load_scenario(path, options.seed or 0, towns_folder(options.config), _instead(options))
+        worlds.begin(scenario, _state['settings'])
+        first.append((path, scenario.settings.seed if options.seed is None else options.seed))
+    return first
 
 
 def _forget(frame: Frame) -> None:

@@ -28,7 +28,7 @@ from obst_avoid.ros import border, node
 from obst_avoid.ros.messages import find_messages
 from obst_avoid.sim import world as worlds
 from obst_avoid.sim.renderer import Renderer, RenderError
-from obst_avoid.sim.scenario import load_scenario
+from obst_avoid.sim.scenario import ROAD_END, load_scenario
 from obst_avoid.sim.settings import SimulationSettings
 
 BEGIN = 1000
@@ -73,7 +73,7 @@ class Answers:
         self._shown: Dict[int, float] = {}
         self._command: Optional[Command] = None
         self.answered = 0
-        self.latencies: List[float] = []
+        self._latencies: List[float] = []
 
     def shows(self, stamp: int) -> None:
         """A picture is about to be published."""
@@ -95,7 +95,7 @@ class Answers:
         stamp = border.nanoseconds(msg.header.stamp)
         with self._changed:
             if stamp in self._shown:
-                self.latencies.append(time.monotonic() - self._shown[stamp])
+                self._latencies.append(time.monotonic() - self._shown[stamp])
             self._shown = {shown: begun for shown, begun in self._shown.items() if shown > stamp}
             self.answered = max(self.answered, stamp)
             self._changed.notify_all()
@@ -105,6 +105,12 @@ class Answers:
         with self._changed:
             command, self._command = self._command, None
             return command
+
+    def take_latencies(self) -> List[float]:
+        """[s] of wall time from each picture to its decision, those that were not taken yet."""
+        with self._changed:
+            latencies, self._latencies = self._latencies, []
+            return latencies
 
     def wait_for(self, stamp: int) -> bool:
         """Wait a moment until a picture, or a later one, is answered. False: it is not yet."""
@@ -252,7 +258,7 @@ class SimulatorNode:
 
     def _why_over(self) -> str:
         world, scenario = self._world, self._place.scenario
-        if world.along > scenario.route.length - 0.35:
+        if world.along > scenario.route.length - ROAD_END:
             return 'the road ends'
         if self._settings.ends and world.along - scenario.start >= scenario.settings.success.goal:
             return 'the goal is reached'
@@ -286,8 +292,7 @@ class SimulatorNode:
         self._truth['contact'].publish(
             self._flag_class(header=Header(stamp=border.ros_time(stamp)), data=world.contact is not None)
         )
-        latencies, self._answers.latencies = self._answers.latencies, []
-        for latency in latencies:
+        for latency in self._answers.take_latencies():
             self._latency.publish(Float32(latency))
 
 

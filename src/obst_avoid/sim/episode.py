@@ -50,8 +50,9 @@ class Outcome:
 
     why: it is a success or not, for a person. stops: times the robot's avoider went to STOPPED. false_stops: of these,
     without an obstacle in the lane within RELEVANT. activations: times it became active. smallest_gap: [m] between
-    body and obstacles, inf without. stop_gap: [m] after the last stop. off_lane: [s] with the axle's middle beyond a
-    line. in_the_way: an obstacle stood in the lane ahead at some time. driven: [m].
+    body and obstacles when pictures were answered, 0 after a contact, inf without obstacles. stop_gap: [m] after the
+    last stop. off_lane: [s] with the axle's middle beyond a line. in_the_way: an obstacle stood in the lane ahead at
+    some time. driven: [m].
     """
 
     scenario: str
@@ -114,8 +115,8 @@ def run(
         if verdict is not None:
             return Outcome(
                 scenario.name, scenario.seed, verdict[0], verdict[1], world.contact, tally.stops, tally.false_stops,
-                tally.activations, tally.smallest_gap, tally.stop_gap, round(tally.off_lane, 3), tally.in_the_way,
-                round(world.time, 3), world.along - scenario.start,
+                tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap,
+                round(tally.off_lane, 3), tally.in_the_way, round(world.time, 3), world.along - scenario.start,
             )  # fmt: skip
 
 
@@ -208,11 +209,13 @@ def _verdict(world: World, place: Place, tally: _Tally, decision: Decision) -> O
         )  # fmt: skip
     if abs(world.lane_pose.d) > 0.6:
         return False, 'lost the road'
-    if driven >= success.goal or world.along > scenario.route.length - 0.35:
+    if driven >= success.goal:
         if success.must == 'stop':
             return False, 'drove past the obstacle'
         if success.must == 'drive' and tally.stops:
             return False, 'stopped %d times for nothing' % tally.stops
+        if success.must in ('drive', 'pass') and tally.off_lane > 0:
+            return False, 'left the lane for %.1f s' % tally.off_lane
         return True, 'arrived'
     if success.must == 'stop' and world.stood >= settings.calm and decision.state is State.STOPPED:
         gap = worlds.gap(world, place)

@@ -18,6 +18,9 @@ from obst_avoid.sim.things import Thing, footprint
 from obst_avoid.sim.town import HEADINGS, Route, Town, WorldPose, follow, lane_strip, pose_at
 from obst_avoid.sim.truth import Truth, truth_of
 
+ROAD = 12.0
+"""[m] of the lane that is followed."""
+
 
 @dataclass(frozen=True)
 class Span:
@@ -35,9 +38,9 @@ class Span:
         return int(random.randint(int(self.low), int(self.high) + 1))
 
 
-def span(above: float = -math.inf) -> Any:
-    """A field that holds a range, {from: number, to: number} in YAML."""
-    return checked(lambda value, where: _span(value, where, above))
+def span(low: float, high: float) -> Any:
+    """A field that holds a range, {from: number, to: number} in YAML, within the given limits."""
+    return checked(lambda value, where: _span(value, where, low, high))
 
 
 def names_of(known: Sequence[str]) -> Any:
@@ -54,7 +57,7 @@ class LayoutSettings:
     row: int = integer(at_least=0)
     heading: str = choice(*HEADINGS)
     turns: Tuple[str, ...] = turns_field()
-    along: Span = span()
+    along: Span = span(0, 50)
 
 
 @dataclass(frozen=True)
@@ -63,25 +66,25 @@ class ExamSettings:
 
     layouts: Dict[str, LayoutSettings] = checked(lambda value, where: _layouts(value, where))
     colors: Tuple[str, ...] = names_of(tuple(COLORS))
-    strength: Span = span(above=0)
-    lamps: Span = span()
-    glare: Span = span()
-    unevenness: Span = span()
-    headlight: Span = span()
+    strength: Span = span(1e-4, 100)
+    lamps: Span = span(1, 3)
+    glare: Span = span(0, 1)
+    unevenness: Span = span(0, 0.5)
+    headlight: Span = span(0, 10)
     headlit: float = number('share', at_least=0, at_most=1)
-    pink: Span = span()
-    exposure_error: Span = span()
-    blur: Span = span()
+    pink: Span = span(0, 1)
+    exposure_error: Span = span(-6, 6)
+    blur: Span = span(0, 60)
     sharp: float = number('share', at_least=0, at_most=1)
-    obstacles: Span = span()
+    obstacles: Span = span(0, 20)
     sorts: Tuple[str, ...] = names_of(SORTS)
-    height: Span = span(above=0)
-    distance: Span = span()
-    left: Span = span()
+    height: Span = span(0.01, 0.4)
+    distance: Span = span(0, 5)
+    left: Span = span(-3, 3)
     lying: float = number('share', at_least=0, at_most=1)
-    clutter: Span = span()
-    d: Span = span()
-    phi: Span = span()
+    clutter: Span = span(0, 30)
+    d: Span = span(-0.3, 0.3)
+    phi: Span = span(-1.5, 1.5)
     tint: float = number('ratio', at_least=0, at_most=1)
 
 
@@ -100,6 +103,7 @@ class Question:
     glare: float
     things: Tuple[Thing, ...]
     sensor: SensorState
+    exposure_error: float
 
 
 def ask(
@@ -146,13 +150,13 @@ def _question(
     random: 'np.random.RandomState',
 ) -> Question:
     layout = settings.layouts[name]
-    route = follow(towns[layout.map], layout.column, layout.row, layout.heading, layout.turns, 12.0)
+    route = follow(towns[layout.map], layout.column, layout.row, layout.heading, layout.turns, ROAD)
     along = layout.along.draw(random)
     pose = pose_at(route, along, settings.d.draw(random), settings.phi.draw(random))
     glare = settings.glare.draw(random)
     own = settings.headlight.draw(random) if random.uniform() < settings.headlit else 0.0
     lamps, unevenness = settings.lamps.draw_count(random), settings.unevenness.draw(random)
-    light = make_light(LightSettings(color, strength, lamps, glare, unevenness, own), random)
+    light = make_light(LightSettings(color, strength, lamps, glare, unevenness, own, None, None), random)
     obstacles = _obstacles(route, along, settings, random)
     things = tuple(obstacles + _clutter(route, along, settings, obstacles, random))
     pink = settings.pink.draw(random)
@@ -164,12 +168,13 @@ def _question(
     for _ in range(5):
         encoded = renderer.render(scene, [pose], signal_factors(state, sensor))
         state = adapted(state, mean_signal(encoded), 10 * sensor.adapting, sensor)
-    factor = 2 ** settings.exposure_error.draw(random)
+    exposure_error = settings.exposure_error.draw(random)
+    factor = 2**exposure_error
     factors = signal_factors(state, sensor)
     encoded = renderer.render(scene, path, (factors[0] * factor, factors[1] * factor, factors[2] * factor))
     picture = developed(encoded, state, int(random.randint(1 << 30)))
     truth = truth_of(renderer, scene, route, along, pose)
-    return Question(picture, truth, name, color, strength, blur, glare, tuple(obstacles), state)
+    return Question(picture, truth, name, color, strength, blur, glare, tuple(obstacles), state, exposure_error)
 
 
 def _obstacles(route: Route, along: float, settings: ExamSettings, random: 'np.random.RandomState') -> List[Thing]:
@@ -221,12 +226,12 @@ def _surfaces(tint: float, random: 'np.random.RandomState') -> Surfaces:
     )  # fmt: skip
 
 
-def _span(value: Any, where: str, above: float) -> Span:
+def _span(value: Any, where: str, low: float, high: float) -> Span:
     good = isinstance(value, dict) and set(value) == {'from', 'to'}
     good = good and all(type(end) in (int, float) and math.isfinite(end) for end in value.values())
-    if not good or not above < value['from'] <= value['to']:
-        limit = ', both > %g' % above if math.isfinite(above) else ''
-        raise SettingsError('%s = %r, expected {from: number, to: number}%s' % (where, value, limit))
+    if not good or not low <= value['from'] <= value['to'] <= high:
+        wanted = '{from: number, to: number}, both from %g to %g' % (low, high)
+        raise SettingsError('%s = %r, expected %s' % (where, value, wanted))
     return Span(value['from'], value['to'])
 
 

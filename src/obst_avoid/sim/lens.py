@@ -12,6 +12,8 @@ from obst_avoid.core.types import Array
 
 FARTHEST = 30.0
 """[m] at which the road is taken to be below the horizon still."""
+STEEPEST = 0.74
+"""[rad] of elevation up to which the room is looked at; room.py shows a little more."""
 MOST_TAPS = 4
 ITERATIONS = 20
 
@@ -63,7 +65,10 @@ def lay_out(calibration: Calibration) -> Lens:
     ground[~on_ground] = 0
     rays = homogeneous @ np.linalg.inv(calibration.projection).T @ np.linalg.inv(projection[:, :3]).T
     room = np.column_stack(
-        [np.arctan2(rays[:, 1], rays[:, 0]), np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1]))]
+        [
+            np.arctan2(rays[:, 1], rays[:, 0]),
+            np.clip(np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])), -STEEPEST, STEEPEST),
+        ]
     )
     shape = (height, width)
     ground = ground.reshape(height, width, 2)

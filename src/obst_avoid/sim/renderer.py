@@ -59,7 +59,10 @@ class Renderer:
     """Holds the OpenGL context, and on the graphics side what stays the same from picture to picture."""
 
     def __init__(self, calibration: Calibration, samples: int = 0) -> None:
-        """samples: per pixel of a thing's edge; 0 is fastest, 4 is smooth. Raises RenderError."""
+        """Raises RenderError. samples: per pixel of a thing's edge; 0 is fastest, 4 is smooth.
+
+        With 0, small things are drawn with less detail than `names` knows of them: labels want samples.
+        """
         try:
             self._gl = moderngl.create_context(standalone=True, backend='egl', require=330)
         except Exception as error:  # moderngl raises plain Exception
@@ -228,7 +231,8 @@ class Renderer:
                 ),
             }
             self._set(self._things, values)
-            far = self.focal_length * thing.height < COARSE_BELOW * math.hypot(thing.x - pose.x, thing.y - pose.y)
+            distance = math.hypot(thing.x - pose.x, thing.y - pose.y)
+            far = not self._samples and self.focal_length * thing.height < COARSE_BELOW * distance
             self._mesh(thing)[1 if far else 0].render()
 
     def _visible(self, scene: Scene, pose: WorldPose) -> List[Tuple[int, Thing]]:

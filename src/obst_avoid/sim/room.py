@@ -7,7 +7,7 @@ import numpy as np
 
 from obst_avoid.core.types import Array
 
-SIZE = (256, 2048)
+SIZE = (488, 2048)
 """(rows, columns): elevation -43 to 43 degrees from the first row to the last, azimuth once around."""
 FURNITURE = np.array(
     [[120, 85, 55], [175, 140, 95], [60, 60, 65], [150, 150, 155], [95, 40, 35], [45, 65, 95], [190, 175, 140],

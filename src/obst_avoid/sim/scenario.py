@@ -23,6 +23,8 @@ CLUTTER = (
     ('ball', 0.06),
 )  # fmt: skip
 """Sorts and heights [m]."""
+ROAD_END = 0.35
+"""[m] before the end of a road that leaves the map, where a drive is over."""
 
 
 def turns_field() -> Any:
@@ -49,6 +51,7 @@ class ObstacleSettings:
     along: [m] ahead of the start, along the route. left: [m] of the lane's centre. appears_within, crosses_within: [m]
     from its place to the robot's axle, along the route; 0: it is there from the start, it stays. to_left: [m] where it
     crosses to, at crossing_speed. leaves_after_stop: [s] that the robot stood; 0: never.
+    appears_at, leaves_at: [s] since the start; 0: at once, never.
     """
 
     sort: str = choice(*SORTS)
@@ -58,28 +61,36 @@ class ObstacleSettings:
     yaw: float = number('rad')
     lying: bool = flag()
     appears_within: float = number('m', at_least=0)
+    appears_at: float = number('s', at_least=0)
     crosses_within: float = number('m', at_least=0)
     to_left: float = number('m', above=-3, below=3)
     crossing_speed: float = number('m/s', at_least=0)
     leaves_after_stop: float = number('s', at_least=0)
+    leaves_at: float = number('s', at_least=0)
 
 
+_PLAIN_LIGHT = {'azimuth': None, 'elevation': None}
 _PLAIN_OBSTACLE = {
     'yaw': 0.0, 'lying': False, 'appears_within': 0.0, 'crosses_within': 0.0, 'to_left': 0.0, 'crossing_speed': 0.0,
-    'leaves_after_stop': 0.0,
+    'leaves_after_stop': 0.0, 'appears_at': 0.0, 'leaves_at': 0.0,
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LightSettings:
-    """color: of the lamps. strength: 1 is a bright room. lamps: how many. glare, unevenness, headlight: see Light."""
+    """What Light is made of. color: of the lamps. strength: 1 is a bright room. lamps: how many, up to 3.
+
+    azimuth, elevation: [rad] where the first lamp stands in the world; None: anywhere. The others: see Light.
+    """
 
     color: str = choice(*COLORS)
     strength: float = number('ratio', above=0)
-    lamps: int = integer(at_least=1)
+    lamps: int = checked(lambda value, where: _lamps(value, where))
     glare: float = number('ratio', at_least=0, at_most=1)
     unevenness: float = number('ratio', at_least=0, at_most=0.5)
     headlight: float = number('ratio', at_least=0)
+    azimuth: Optional[float] = checked(lambda value, where: _optional(value, where, 7.0))
+    elevation: Optional[float] = checked(lambda value, where: _optional(value, where, 1.57))
 
 
 @dataclass(frozen=True)
@@ -97,15 +108,16 @@ class SuccessSettings:
 
 @dataclass(frozen=True)
 class ScenarioSettings:
-    """The content of a scenario file, random values drawn."""
+    """The content of a scenario file, random values drawn. seed: of the first episode that is measured."""
 
     about: str = text()
+    seed: int = integer(at_least=0)
     map: str = text()
     start: StartSettings = group(StartSettings)
     turns: Tuple[str, ...] = turns_field()
     obstacles: Tuple[ObstacleSettings, ...] = checked(lambda value, where: _obstacles(value, where))
     clutter: int = integer(at_least=0)
-    light: LightSettings = group(LightSettings)
+    light: LightSettings = checked(lambda value, where: _light(value, where))
     pose_errors: str = text()
     duration: float = number('s', above=0)
     success: SuccessSettings = group(SuccessSettings)
@@ -145,11 +157,24 @@ def load_scenario(path: str, seed: int, towns: str, instead: Optional[Mapping[st
     town = town_from_mapping(read_yaml(town_path), town_path)
     start = settings.start
     route = follow(town, start.column, start.row, start.heading, settings.turns)
+    _check_room(settings, route, path)
     name = os.path.splitext(os.path.basename(path))[0]
     return Scenario(
         name, settings, town, route, start.along, settings.obstacles,
         tuple(_clutter(settings, route, random)), make_light(settings.light, random), seed,
     )  # fmt: skip
+
+
+def _check_room(settings: ScenarioSettings, route: Route, where: str) -> None:
+    """Everything lies on the road. Raises SettingsError."""
+    start, room = settings.start.along, route.length - ROAD_END
+    wanted = [('start/along', 0.0), ('success/goal', settings.success.goal)]
+    wanted += [('obstacles/%d/along' % index, item.along) for index, item in enumerate(settings.obstacles)]
+    for name, along in wanted:
+        if start + along > room:
+            raise SettingsError(
+                '%s/%s lies %.2f m along the road, expected less than %.2f m' % (where, name, start + along, room)
+            )
 
 
 def place(obstacle: ObstacleSettings, scenario: Scenario, left: float) -> Thing:
@@ -161,10 +186,14 @@ def place(obstacle: ObstacleSettings, scenario: Scenario, left: float) -> Thing:
 def make_light(settings: LightSettings, random: 'np.random.RandomState') -> Light:
     """Lamps in random places, the first one the strongest; the more glare, the lower they may hang."""
     lamps: List[Lamp] = []
-    for index in range(min(settings.lamps, 3)):
+    for index in range(settings.lamps):
         share = 0.42 / 2**index * random.uniform(0.7, 1.2)
         elevation = random.uniform(1.2 - 0.9 * settings.glare, 1.4)
-        lamps.append(Lamp(random.uniform(-math.pi, math.pi), elevation, share, random.uniform(0.05, 0.3)))
+        azimuth, size = random.uniform(-math.pi, math.pi), random.uniform(0.05, 0.3)
+        if index == 0:
+            azimuth = azimuth if settings.azimuth is None else settings.azimuth
+            elevation = elevation if settings.elevation is None else settings.elevation
+        lamps.append(Lamp(azimuth, elevation, share, size))
     return Light(
         COLORS[settings.color], settings.strength, tuple(lamps), settings.glare, settings.unevenness,
         settings.headlight, int(random.randint(1 << 30)),
@@ -215,6 +244,27 @@ def _drawn(content: Any, random: 'np.random.RandomState', where: str) -> Any:
     if isinstance(content, list):
         return [_drawn(value, random, '%s/%d' % (where, index)) for index, value in enumerate(content)]
     return content
+
+
+def _optional(value: Any, where: str, largest: float) -> Optional[float]:
+    usable = value is None or (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= largest
+    )
+    if not usable:
+        raise SettingsError('%s = %r, expected a number up to %g (rad), or nothing' % (where, value, largest))
+    return None if value is None else float(value)
+
+
+def _lamps(value: Any, where: str) -> int:
+    if type(value) is not int or not 1 <= value <= 3:
+        raise SettingsError('%s = %r, expected 1, 2 or 3' % (where, value))
+    return value
+
+
+def _light(value: Any, where: str) -> LightSettings:
+    if not isinstance(value, dict):
+        raise SettingsError('%s = %r, expected a mapping of settings' % (where, value))
+    return load(LightSettings, {**_PLAIN_LIGHT, **value}, where)
 
 
 def _turns(value: Any, where: str) -> Tuple[str, ...]:

@@ -62,8 +62,8 @@ def footprint(thing: Thing) -> Polygon:
 def foot(thing: Thing, pose: WorldPose) -> Foot:
     """Where a robot sees the thing stand.
 
-    The nearest point is one radius nearer than the footprint's middle, on the same ray; the radius is half the
-    footprint's width across that ray.
+    The point lies on the ray to the footprint's middle, as near as the footprint reaches along it; the radius is half
+    the footprint's width across that ray. For a round thing the middle is one radius farther, for others about so.
     """
     points = robot_from_world(outline(thing), pose)
     middle = robot_from_world(np.array([[thing.x, thing.y]]), pose)[0]

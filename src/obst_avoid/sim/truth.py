@@ -1,6 +1,7 @@
 """What a picture shows, known exactly: the other half of every picture that the simulation takes."""
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
@@ -21,8 +22,8 @@ class SeenObstacle:
     """One obstacle in one picture.
 
     x, y, radius: [m] as in PoseArray, robot frame. in_lane: False when the whole footprint lies beyond the lines of our
-    lane; None inside an intersection beside our way, where no line says so. mask: (H, W) bool, its visible pixels.
-    box: around them, None when none is seen.
+    lane; None farther away than AHEAD, and inside an intersection beside our way, where no line says so.
+    mask: (H, W) bool, its visible pixels. box: around them, None when none is seen.
     """
 
     kind: Kind
@@ -53,8 +54,9 @@ def obstacles_of(things: Sequence[Thing], town: Town, route: Route, along: float
         if thing.kind is None:
             continue
         inside = footprint(thing).intersects(strip)
-        in_lane = True if inside else None if crossing_at(town, thing.x, thing.y) else False
         at = foot(thing, pose)
+        unknown = math.hypot(at.x, at.y) > AHEAD or crossing_at(town, thing.x, thing.y)
+        in_lane = True if inside else None if unknown else False
         found.append(Obstacle(thing.kind, at.x, at.y, at.radius, in_lane))
     return found
 

@@ -11,6 +11,8 @@ from obst_avoid.core.settings import number
 from obst_avoid.core.types import Command
 from obst_avoid.sim.town import WorldPose, world_from_robot
 
+CRUISING = 0.2
+"""[m/s] at which turn_noise is meant; it grows with the speed."""
 STILL = 0.005
 """[m/s] below which the robot counts as standing."""
 
@@ -35,7 +37,7 @@ class VehicleSettings:
 class Vehicle:
     """The robot's state. v, omega: as it moves. commands: (time [s] of its effect, command), oldest first.
 
-    trim: [1/m] of this robot. speed_error: ratio, turn_error: [rad/s] at 0.2 m/s; both wander.
+    trim: [1/m] of this robot. speed_error: ratio, turn_error: [rad/s] at CRUISING speed; both wander.
     """
 
     pose: WorldPose
@@ -59,13 +61,13 @@ def moved(
     due = [index for index, (time, _) in enumerate(vehicle.commands) if time <= now + 1e-9]
     commands = vehicle.commands[due[-1] :] if due else vehicle.commands
     wanted = commands[0][1] if due else Command(0.0, 0.0)
-    share = math.sqrt(2 * dt / settings.noise_time)
-    keep = 1 - dt / settings.noise_time
+    keep = math.exp(-dt / settings.noise_time)
+    share = math.sqrt(1 - keep * keep)
     one, other = random.standard_normal(2)
     speed_error = keep * vehicle.speed_error + share * settings.speed_noise * one
     turn_error = keep * vehicle.turn_error + share * settings.turn_noise * other
     v_goal = wanted.v * (1 + speed_error)
-    omega_goal = wanted.omega + vehicle.v * (vehicle.trim + turn_error / 0.2)
+    omega_goal = wanted.omega + vehicle.v * (vehicle.trim + turn_error / CRUISING)
     v = vehicle.v + (v_goal - vehicle.v) * (1 - math.exp(-dt / settings.speed_lag))
     omega = vehicle.omega + (omega_goal - vehicle.omega) * (1 - math.exp(-dt / settings.turn_lag))
     pose = driven(vehicle.pose, v, omega, dt)

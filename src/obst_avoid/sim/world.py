@@ -89,7 +89,7 @@ def begin(scenario: Scenario, settings: SimulationSettings) -> Tuple[Place, Worl
     start = scenario.settings.start
     pose = pose_at(scenario.route, scenario.start, start.d, start.phi)
     along, lane_pose = locate(scenario.route, pose, scenario.start)
-    actors = tuple(Actor(item.appears_within == 0, item.left) for item in scenario.obstacles)
+    actors = tuple(Actor(item.appears_within == item.appears_at == 0, item.left) for item in scenario.obstacles)
     trim = settings.vehicle.trim * random.uniform(-1, 1)
     world = World(0.0, Vehicle(pose, trim=trim), along, lane_pose, actors, SensorState(0.01, 1.0))
     return Place(scenario, settings, settings.pose_errors[name], random), world
@@ -108,7 +108,9 @@ def step(world: World, place_: Place) -> World:
     still = abs(vehicle.v) < STILL
     drove = world.drove or not still
     stood = world.stood + STEP if still and drove else 0.0
-    actors = tuple(_acted(actor, index, along, stood, place_) for index, actor in enumerate(world.actors))
+    actors = tuple(
+        _acted(actor, index, along, stood, world.time + STEP, place_) for index, actor in enumerate(world.actors)
+    )
     world = replace(
         world, time=world.time + STEP, vehicle=vehicle, along=along, lane_pose=lane_pose, actors=actors, stood=stood,
         drove=drove,
@@ -176,13 +178,15 @@ def settled(renderer: Renderer, scene: Scene, pose: WorldPose, settings: Simulat
     return state
 
 
-def _acted(actor: Actor, index: int, along: float, stood: float, place_: Place) -> Actor:
+def _acted(actor: Actor, index: int, along: float, stood: float, now: float, place_: Place) -> Actor:
     item = place_.scenario.obstacles[index]
     distance = place_.scenario.start + item.along - along
     here, crossing, left = actor.here, actor.crossing, actor.left
-    if not actor.gone and item.appears_within and distance <= item.appears_within:
+    near = 0 < item.appears_within and distance <= item.appears_within
+    if not actor.gone and (near or 0 < item.appears_at <= now):
         here = True
-    gone = actor.gone or (here and item.leaves_after_stop > 0 and stood >= item.leaves_after_stop)
+    waited = 0 < item.leaves_after_stop <= stood
+    gone = actor.gone or (here and (waited or 0 < item.leaves_at <= now))
     if item.crosses_within and distance <= item.crosses_within:
         crossing = True
     if crossing:
