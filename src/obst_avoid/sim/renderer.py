@@ -213,18 +213,19 @@ class Renderer:
         self._gl.enable(moderngl.DEPTH_TEST)
         light, eye = backdrop.light, self._lens.eye
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
-        camera = np.array([[pose.x + cos * eye[0] - sin * eye[1], pose.y + sin * eye[0] + cos * eye[1]]])
+        camera = (pose.x + cos * eye[0] - sin * eye[1], pose.y + sin * eye[0] + cos * eye[1])
         lamps = list(light.lamps) + [Lamp(0.0, 1.0, 0.0)] * (LARGEST_LAMPS - len(light.lamps))
         for _, thing in visible:
             strength = light.strength * brightness_at(backdrop, thing.x, thing.y)
-            ahead = robot_from_world(np.array([[thing.x, thing.y]]), pose)
-            shone = float(headlight(light, ahead[:, 0], ahead[:, 1])[0])
-            own = WorldPose(thing.x, thing.y, thing.yaw)
-            x, y = robot_from_world(camera, own)[0] / thing.height
+            shone = 0.0
+            if light.headlight:
+                ahead, left = _seen_from(pose, thing.x, thing.y)
+                shone = float(headlight(light, np.array([ahead]), np.array([left]))[0])
+            x, y = _seen_from(WorldPose(thing.x, thing.y, thing.yaw), *camera)
             values = {
                 **_place(thing, pose),
                 'lamps': [_turned(lamp.direction, -thing.yaw) for lamp in lamps],
-                'eye': (x, y, eye[2] / thing.height),
+                'eye': (x / thing.height, y / thing.height, eye[2] / thing.height),
                 'factor': tuple(
                     (strength * c + shone * h) * f * t
                     for c, h, f, t in zip(light.color, HEADLIGHT_COLOR, factors, thing.tint)
@@ -239,7 +240,7 @@ class Renderer:
         """Things that may be seen, or whose shadow may be, with their index."""
         kept = []
         for index, thing in enumerate(scene.things):
-            x, y = robot_from_world(np.array([[thing.x, thing.y]]), pose)[0]
+            x, y = _seen_from(pose, thing.x, thing.y)
             if x > -2 * thing.height and math.hypot(x, y) < 6.0 and abs(y) < 2.5 * x + 0.3 + 2 * thing.height:
                 kept.append((index, thing))
         return kept
@@ -301,9 +302,14 @@ def _turned(vector: Tuple[float, float, float], angle: float) -> Tuple[float, fl
 
 def _place(thing: Thing, pose: WorldPose) -> Dict[str, Any]:
     """Where a thing stands in the robot frame."""
-    x, y = robot_from_world(np.array([[thing.x, thing.y]]), pose)[0]
     yaw = thing.yaw - pose.heading
-    return {'place': (float(x), float(y), math.cos(yaw), math.sin(yaw)), 'scale': thing.height}
+    return {'place': (*_seen_from(pose, thing.x, thing.y), math.cos(yaw), math.sin(yaw)), 'scale': thing.height}
+
+
+def _seen_from(pose: WorldPose, x: float, y: float) -> Tuple[float, float]:
+    """One point of the world in the frame of a pose; for so few, arrays would take longer."""
+    cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+    return cos * (x - pose.x) + sin * (y - pose.y), -sin * (x - pose.x) + cos * (y - pose.y)
 
 
 def _hull(vertices: Array) -> Array:
