@@ -392,3 +392,17 @@ def test_the_ground_is_unevenly_bright_only_where_the_light_is(level: Renderer) 
         np.testing.assert_array_equal(first, again)
         ratios.append(signal_of(other)[300:].mean() / signal_of(first)[300:].mean())
     assert 0.1 < np.std(ratios) < 0.8
+
+
+def test_nothing_is_seen_beyond_the_lens() -> None:
+    # k1 = -0.5 folds at r = 0.82, inside the picture: things that stand aside must not come back in the dark ring.
+    camera = Camera(distortion=(-0.5, 0.0, 0.0, 0.0, 0.0))
+    renderer = Renderer(calibration_of(camera))
+    ring = np.hypot(*np.meshgrid(np.arange(640) - 319.5, np.arange(480) - 239.5)) > 0.56 * camera.focal
+    things = tuple(Thing('ball', 1.0 + 0.1, 0.17 + y, height=0.1) for y in (-0.4, -0.2, 0.2, 0.4))
+    scene, pose = Scene(town('────────'), things), WorldPose(1.0, 0.17, 0.0)
+    assert ring.mean() > 0.3
+    assert not renderer.render(scene, [pose], (1.0, 1.0, 1.0))[ring].any()
+    names = renderer.names(scene, pose)
+    assert not names[ring].any()
+    renderer.close()

@@ -6,7 +6,7 @@ A software graphics driver takes four times as long for the same. Values are squ
 import functools
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -51,7 +51,7 @@ class Backdrop:
     paint: (H, W, 4) uint8 BGR and gloss, first row south. floor: the same beyond the map. brightness: of the ground,
     see ground_light.
     room: panorama, see room.py. mask: (rows, W) uint8 of the rows that show some room, 255 where it is road all the
-    same. blind: (H, W) bool of pixels that no ray reaches, None without any. scale: [px/m] of paint.
+    same. scale: [px/m] of paint.
     """
 
     lens: Lens
@@ -65,7 +65,6 @@ class Backdrop:
     brightness: Array
     room: Array
     mask: Array
-    blind: Optional[Array]
     scale: float
 
 
@@ -79,12 +78,11 @@ def make_backdrop(lens: Lens, town: Town, surfaces: Surfaces, light: Light, shad
     )
     red, green, blue = (255 * math.sqrt(value) for value in surfaces.floor)
     paint = _painted(town, surfaces, seed)
-    blind = lens.blind if lens.blind.any() else None
     rows = int(np.flatnonzero(~lens.on_ground.all(axis=1)).max(initial=-1)) + 1
     mask = np.where(lens.on_ground[:rows], 255, 0).astype(np.uint8)
     return Backdrop(
         lens, light, samples, grid, to_camera, vignette, paint, (blue, green, red, float(BARE_GLOSS)),
-        ground_light(light, size), room_picture(seed), mask, blind, PIXELS / town.tile_size,
+        ground_light(light, size), room_picture(seed), mask, PIXELS / town.tile_size,
     )  # fmt: skip
 
 
@@ -132,8 +130,6 @@ def see(backdrop: Backdrop, pose: WorldPose, factors: RGB) -> Array:
             spread = cv2.resize(np.sqrt(glare[..., None] * backdrop.vignette * strength), (width, height))[begin:end]
             color[begin:end] = cv2.magnitude(color[begin:end], cv2.multiply(gloss, spread, dtype=cv2.CV_32F))
     picture: Array = cv2.convertScaleAbs(color)
-    if backdrop.blind is not None:
-        picture[backdrop.blind] = 0
     return picture
 
 

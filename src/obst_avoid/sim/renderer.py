@@ -72,6 +72,7 @@ class Renderer:
             ) from error
         self._lens = lay_out(calibration)
         self._size = (calibration.width, calibration.height)
+        self._blind = self._lens.blind if self._lens.blind.any() else None
         self._samples = samples
         self._things = self._gl.program(vertex_shader=shaders.LENS + shaders.THING, fragment_shader=shaders.COLOR)
         self._shadows = self._gl.program(vertex_shader=shaders.LENS + shaders.SHADOW, fragment_shader=shaders.FLAT)
@@ -123,7 +124,7 @@ class Renderer:
             for index, thing in self._visible(scene, pose):
                 self._set(self._names, {**_place(thing, pose), 'factor': ((index + 1) / 255.0, 0.0, 0.0, 1.0)})
                 self._mesh(thing)[2].render()
-            return np.ascontiguousarray(self._read(self._plain)[..., 0])
+            return self._framed(np.ascontiguousarray(self._read(self._plain)[..., 0]))
 
     def _parts(self, path: Sequence[WorldPose]) -> List[WorldPose]:
         """Poses whose pictures make up a blurred one: spread evenly over the exposure."""
@@ -175,7 +176,7 @@ class Renderer:
         picture = see(backdrop, pose, factors)
         visible = self._visible(scene, pose)
         if not visible:
-            return picture
+            return self._framed(picture)
         self._target.use()
         self._target.clear(0, 0, 0, 1, depth=1.0)  # alpha: how much of the backdrop is seen
         self._draw_shadows(scene, pose, visible)
@@ -183,7 +184,13 @@ class Renderer:
         drawn = self._read(self._target)
         shown = cv2.cvtColor(drawn[..., 3], cv2.COLOR_GRAY2BGR)
         mixed: Array = cv2.add(cv2.multiply(picture, shown, scale=1 / 255), cv2.cvtColor(drawn, cv2.COLOR_RGBA2BGR))
-        return mixed
+        return self._framed(mixed)
+
+    def _framed(self, picture: Array) -> Array:
+        """Black, or no thing, where no ray reaches the sensor: beyond the lens's fold vertices lie anywhere."""
+        if self._blind is not None:
+            picture[self._blind] = 0
+        return picture
 
     def _read(self, framebuffer: Any) -> Array:
         """(H, W, 4) uint8 RGBA."""
