@@ -69,7 +69,7 @@ def _main(options: argparse.Namespace) -> int:
         print('\nmaking film and plot of the drive', flush=True)
         summary = report(options)
         faults = _faults(summary, log)
-    print('\n' + table(summary) + '\n\nFilm, plot and log: %s' % output)
+    print('\n' + table(summary) + '\n\nResults and log: %s' % output)
     for fault in faults:
         print('demo: %s' % fault, file=sys.stderr)
     return 1 if faults else 0
