@@ -41,19 +41,6 @@ def camera(tmp_path_factory: pytest.TempPathFactory) -> List[str]:
     return ['--calibration', str(folder), '--vehicle', ROBOT]
 
 
-@pytest.fixture
-def sentence(capsys: pytest.CaptureFixture) -> Callable[[str], str]:
-    """Of a tool that failed: the one line on stderr, beginning with the tool's name."""
-
-    def read(tool: str) -> str:
-        lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
-        assert len(lines) == 1, lines
-        assert lines[0].startswith(tool + ': ')
-        return lines[0]
-
-    return read
-
-
 def frames_of(path: Path) -> List[Any]:
     """All pictures of a film."""
     film, found = cv2.VideoCapture(str(path)), []

@@ -75,19 +75,6 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
     return path
 
 
-@pytest.fixture
-def sentence(capsys: pytest.CaptureFixture) -> Callable[[str], str]:
-    """Of a tool that failed: the one line on stderr, beginning with the tool's name."""
-
-    def read(tool: str) -> str:
-        lines = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
-        assert len(lines) == 1, lines
-        assert lines[0].startswith(tool + ': ')
-        return lines[0]
-
-    return read
-
-
 def detected(paths: List[Any], folder: Path, *options: str) -> Dict[str, Any]:
     """What detect_images writes, by file name."""
     output = folder / 'det.json'
