@@ -312,7 +312,7 @@ def test_the_tally() -> None:
 
 
 def test_stamps_are_exact() -> None:
-    assert [episode._stamp(index * STEP) for index in (0, 1, 199, 200, 12345)] == [
+    assert [worlds.stamp(index * STEP) for index in (0, 1, 199, 200, 12345)] == [
         1000 * 10**9, 1000 * 10**9 + 5 * MS, 1000 * 10**9 + 995 * MS, 1001 * 10**9, 1061 * 10**9 + 725 * MS,
     ]  # fmt: skip
 

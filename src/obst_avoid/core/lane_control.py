@@ -6,7 +6,7 @@ from typing import Optional, Tuple
 
 from obst_avoid.core.age import why_stale, why_stopped
 from obst_avoid.core.settings import number
-from obst_avoid.core.types import Command, LanePose, Stamped
+from obst_avoid.core.types import Command, Decision, LanePose, Stamped, State
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,12 @@ class Reference:
     active: bool
     d_ref: float
     v_ref: float
+
+
+def reference_from_decision(decision: Decision) -> Reference:
+    """What of a decision the controller tracks; in STOPPED and FAULT it stands, whatever v_ref says."""
+    stands = decision.state in (State.STOPPED, State.FAULT)
+    return Reference(decision.active, decision.d_ref, 0.0 if stands else decision.v_ref)
 
 
 def control(

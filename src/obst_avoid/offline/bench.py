@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from obst_avoid.core import detection
-from obst_avoid.core.calibration import Calibration, load_calibration
+from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.picture import decode_jpeg, encode_jpeg
 from obst_avoid.offline import tool
 from obst_avoid.offline.bench_simulation import bench_simulation
@@ -54,7 +54,7 @@ def _main(options: argparse.Namespace) -> int:
         calibration = tool.calibration_of(options)
         pictures = [read_jpeg(path) for path in tool.picture_files(options.paths)[: options.count]]
     else:
-        calibration = load_calibration(os.path.join(tool.package_folder(), 'config/calibrations'), 'default')
+        calibration = tool.default_calibration()
         pictures = _rendered(calibration)
     detector = detection.start(calibration, tool.detection_settings(options))
     result: Dict[str, Any] = {'pictures': options.count, 'opencv': cv2.__version__, 'threads': {}}

@@ -5,16 +5,16 @@ a small duckie at the side with room to pass. A cone stands beyond the white lin
 """
 
 import argparse
+import functools
 import math
 import os
 from dataclasses import dataclass
 from typing import Any, Dict, Iterator, Tuple
 
 import rosbag
-from sensor_msgs.msg import CameraInfo
 
 from obst_avoid.core.age import NANOSECONDS
-from obst_avoid.core.calibration import Calibration, load_calibration
+from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.picture import encode_jpeg
 from obst_avoid.core.settings import load
 from obst_avoid.core.types import Array, LanePose
@@ -24,7 +24,7 @@ from obst_avoid.ros import border
 from obst_avoid.sim.backdrop import Surfaces
 from obst_avoid.sim.light import Lamp, Light
 from obst_avoid.sim.renderer import Renderer, RenderError, Scene
-from obst_avoid.sim.sensor import SensorSettings, SensorState, adapted, developed, mean_signal, signal_factors
+from obst_avoid.sim.sensor import SensorSettings, SensorState, adapted, developed, mean_signal, settled, signal_factors
 from obst_avoid.sim.things import Thing
 from obst_avoid.sim.town import Route, Town, WorldPose, follow, pose_at, town_from_mapping
 
@@ -36,8 +36,6 @@ BEGIN = 0.6
 """[m] along the lane from the road's western end."""
 STANDS, DUCKIE_GONE, DRIVES_ON = 1.6, 2.6, 3.9
 """[s] into the drive."""
-SETTLING = 6
-"""Pictures before the first one, after which the exposure changes no more."""
 LIGHT = Light(lamps=(Lamp(azimuth=math.pi, elevation=0.5, share=0.3, size=0.5),))
 """White and bright, a large window behind the robot: a shaded foot is too dark for the report's yellow."""
 SURFACES = Surfaces(yellow=(0.52, 0.325, 0.023))
@@ -82,18 +80,14 @@ class Camera:
 
     def settle(self, scene: Scene, pose: WorldPose) -> None:
         """Look at a scene until the exposure changes no more."""
-        for _ in range(SETTLING):
-            self._look(scene, pose, 5.0)
+        self._state = settled(functools.partial(self._renderer.render, scene, [pose]), self._settings)
 
     def take(self, scene: Scene, pose: WorldPose, seed: int) -> Array:
         """The next picture, (H, W, 3) uint8 BGR. seed: of its noise."""
         state = self._state
-        return developed(self._look(scene, pose, 1 / RATE), state, seed)
-
-    def _look(self, scene: Scene, pose: WorldPose, dt: float) -> Array:
-        encoded = self._renderer.render(scene, [pose], signal_factors(self._state, self._settings))
-        self._state = adapted(self._state, mean_signal(encoded), dt, self._settings)
-        return encoded
+        encoded = self._renderer.render(scene, [pose], signal_factors(state, self._settings))
+        self._state = adapted(state, mean_signal(encoded), 1 / RATE, self._settings)
+        return developed(encoded, state, seed)
 
 
 def straight_road() -> Tuple[Town, Route]:
@@ -131,7 +125,7 @@ def frames(calibration: Calibration) -> Iterator[Tuple[int, bytes]]:
 
 def write(path: str) -> None:
     """Render the drive into a bag."""
-    calibration = load_calibration(os.path.join(tool.package_folder(), 'config/calibrations'), 'default')
+    calibration = tool.default_calibration()
     os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
     part = path + '.part'
     with rosbag.Bag(part, 'w') as bag:
@@ -143,14 +137,7 @@ def write(path: str) -> None:
 
 def _messages(stamp: int, jpeg: bytes, calibration: Calibration) -> Dict[str, Any]:
     image = border.compressed_image_from_jpeg(jpeg, stamp, border.camera_frame(VEHICLE))
-    info = CameraInfo(
-        header=image.header,
-        height=calibration.height,
-        width=calibration.width,
-        distortion_model='plumb_bob',
-        D=calibration.distortion.tolist(),
-        K=calibration.camera_matrix.ravel().tolist(),
-    )
+    info = border.camera_info_from_calibration(calibration, stamp, border.camera_frame(VEHICLE))
     return {
         'lane_filter_node/lane_pose': border.msg_from_lane_pose(LanePose(0.0, 0.0), stamp, LanePoseMsg),
         'camera_node/camera_info': info,

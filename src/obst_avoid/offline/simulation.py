@@ -10,7 +10,7 @@ import numpy as np
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.settings import STAGES, AvoidanceSettings
 from obst_avoid.core.bird_view import BirdView
-from obst_avoid.core.calibration import Calibration, load_calibration
+from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.lane_control import LaneControlSettings
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.settings import load
@@ -38,7 +38,7 @@ def calibration_of(options: argparse.Namespace) -> Calibration:
     """The camera that the options name; without any, the package's own made-up one, which is right here."""
     if options.calibration or options.vehicle:
         return tool.calibration_of(options)
-    return load_calibration(os.path.join(tool.package_folder(), 'config/calibrations'), 'default')
+    return tool.default_calibration()
 
 
 def robot_of(options: argparse.Namespace) -> Tuple[Calibration, Robot]:

@@ -93,10 +93,15 @@ def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--profile', choices=PROFILES, help='detector, instead of the one that the settings name')
 
 
+def default_calibration() -> Calibration:
+    """The package's own made-up camera."""
+    return load_calibration(os.path.join(package_folder(), 'config/calibrations'), 'default')
+
+
 def calibration_of(options: argparse.Namespace) -> Calibration:
     """The calibration that the options name; without any, the package's default one."""
     if not options.calibration and not options.vehicle:
-        calibration = load_calibration(os.path.join(package_folder(), 'config/calibrations'), 'default')
+        calibration = default_calibration()
         print('no --calibration given: using the default one, positions are rough', file=sys.stderr)
     elif not options.vehicle:
         raise ToolError('--vehicle is missing, expected the name of a robot in %s' % options.calibration)

@@ -10,10 +10,11 @@ import genpy
 import numpy as np
 from cv_bridge import CvBridge, CvBridgeError
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from obst_avoid.core.lane_control import Reference
+from obst_avoid.core.calibration import Calibration
+from obst_avoid.core.lane_control import Reference, reference_from_decision
 from obst_avoid.core.picture import PictureError, check_picture, decode_jpeg
 from obst_avoid.core.types import Array, Box, Command, Decision, LanePose, Obstacle, State
 from obst_avoid.msg import LaneControl
@@ -110,9 +111,7 @@ def decision_from_lane_control(msg: LaneControl) -> Decision:
 
 def reference_from_lane_control(msg: LaneControl) -> Reference:
     """What of a LaneControl the controller tracks."""
-    decision = decision_from_lane_control(msg)
-    stands = decision.state in (State.STOPPED, State.FAULT)  # whatever v_ref says
-    return Reference(decision.active, decision.d_ref, 0.0 if stands else decision.v_ref)
+    return reference_from_decision(decision_from_lane_control(msg))
 
 
 def flag_from_decision(decision: Decision, stamp: int, cls: Any) -> Any:
@@ -139,6 +138,20 @@ def picture_from_compressed_image(msg: CompressedImage) -> Array:
 def compressed_image_from_jpeg(jpeg: bytes, stamp: int, frame_id: str) -> CompressedImage:
     """A JPEG on the wire."""
     return CompressedImage(Header(stamp=ros_time(stamp), frame_id=frame_id), 'jpeg', jpeg)
+
+
+def camera_info_from_calibration(calibration: Calibration, stamp: int, frame_id: str) -> CameraInfo:
+    """What a camera says of itself."""
+    return CameraInfo(
+        header=Header(stamp=ros_time(stamp), frame_id=frame_id),
+        height=calibration.height,
+        width=calibration.width,
+        distortion_model='plumb_bob',
+        D=calibration.distortion.tolist(),
+        K=calibration.camera_matrix.ravel().tolist(),
+        R=calibration.rectification.ravel().tolist(),
+        P=np.column_stack([calibration.projection, np.zeros(3)]).ravel().tolist(),
+    )
 
 
 def picture_from_image(msg: Image) -> Array:

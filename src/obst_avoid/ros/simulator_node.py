@@ -20,7 +20,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Float32, Header, String
 
 from obst_avoid.core.age import NANOSECONDS
-from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.settings import choice, flag, integer, number, text
 from obst_avoid.core.types import Array, Command, LanePose
 from obst_avoid.msg import LaneControl
@@ -31,8 +30,6 @@ from obst_avoid.sim.renderer import Renderer, RenderError
 from obst_avoid.sim.scenario import ROAD_END, load_scenario
 from obst_avoid.sim.settings import SimulationSettings
 
-BEGIN = 1000
-"""[s] of simulated ROS time at the start; 0 would mean that no time is known."""
 TRUTH_STEPS = 20
 """Steps of the world between two messages of the truth."""
 AHEAD = 0.06
@@ -132,7 +129,6 @@ class SimulatorNode:
         scenario = load_scenario(node.path_of_user(settings.scenario), settings.seed, towns)
         self._place, self._world = worlds.begin(scenario, settings)
         self._calibration = calibration
-        self._info = _camera_info(calibration)
         self._answers = Answers()
         self._next_picture = self._next_pose = 0.0
         self._late_poses: List[Tuple[float, int, LanePose]] = []
@@ -175,7 +171,7 @@ class SimulatorNode:
     def _wait_for_subscribers(self) -> None:
         end = time.monotonic() + START_WAIT
         while not (self._image.get_num_connections() and self._lane_pose.get_num_connections()):
-            self._clock.publish(Clock(border.ros_time(_stamp(0.0))))
+            self._clock.publish(Clock(border.ros_time(worlds.stamp(0.0))))
             if time.monotonic() > end:
                 rospy.logwarn('%s: nobody listens to the camera after %.0f s', rospy.get_name(), START_WAIT)
                 break
@@ -187,7 +183,7 @@ class SimulatorNode:
     def _drive(self, renderer: Renderer) -> None:
         factor, steps, wall = self._settings.real_time_factor, 0, time.monotonic()
         while not rospy.is_shutdown():
-            self._clock.publish(Clock(border.ros_time(_stamp(self._world.time))))
+            self._clock.publish(Clock(border.ros_time(worlds.stamp(self._world.time))))
             world = self._sense(self._world, renderer)
             if steps % TRUTH_STEPS == 0:
                 self._publish_truth(world)
@@ -213,15 +209,15 @@ class SimulatorNode:
         if now >= self._next_pose:
             self._next_pose += 1 / place.pose_errors.rate
             pose, world = worlds.lane_pose(world, place)
-            self._late_poses.append((world.time + place.pose_errors.delay, _stamp(world.time), pose))
+            self._late_poses.append((world.time + place.pose_errors.delay, worlds.stamp(world.time), pose))
         while self._late_poses and self._late_poses[0][0] <= now:
             _, stamp, pose = self._late_poses.pop(0)
             self._lane_pose.publish(border.msg_from_lane_pose(pose, stamp, self._lane_pose_class))
         if now >= self._next_picture:
             self._next_picture += 1 / self._settings.picture_rate
             shown, world = worlds.picture(world, place, renderer)
-            self._publish_picture(shown, _stamp(world.time))
-            self._unanswered.append(_stamp(world.time))
+            self._publish_picture(shown, worlds.stamp(world.time))
+            self._unanswered.append(worlds.stamp(world.time))
         return world
 
     def _tell(self, before: worlds.World, world: worlds.World) -> None:
@@ -243,7 +239,7 @@ class SimulatorNode:
         while self._unanswered and self._unanswered[0] <= self._answers.answered:
             self._unanswered.pop(0)
             self._waited = 0.0
-        overdue = self._unanswered and self._unanswered[0] + AHEAD * NANOSECONDS <= _stamp(self._world.time)
+        overdue = self._unanswered and self._unanswered[0] + AHEAD * NANOSECONDS <= worlds.stamp(self._world.time)
         if not overdue:
             return
         if self._waited < ANSWER_WAIT:
@@ -268,8 +264,7 @@ class SimulatorNode:
 
     def _publish_picture(self, shown: Array, stamp: int) -> None:
         frame = border.camera_frame(self._settings.veh)
-        self._info.header = Header(stamp=border.ros_time(stamp), frame_id=frame)
-        self._camera_info.publish(self._info)
+        self._camera_info.publish(border.camera_info_from_calibration(self._calibration, stamp, frame))
         self._answers.shows(stamp)
         if self._settings.input == 'compressed':
             msg = border.compressed_image_from_jpeg(worlds.jpeg(shown, self._place), stamp, frame)
@@ -278,7 +273,7 @@ class SimulatorNode:
         self._image.publish(msg)
 
     def _publish_truth(self, world: worlds.World) -> None:
-        stamp = _stamp(world.time)
+        stamp = worlds.stamp(world.time)
         place, pose = self._place, world.vehicle.pose
         header = Header(stamp=border.ros_time(stamp), frame_id='world')
         half = pose.heading / 2
@@ -294,24 +289,6 @@ class SimulatorNode:
         )
         for latency in self._answers.take_latencies():
             self._latency.publish(Float32(latency))
-
-
-def _stamp(seconds: float) -> int:
-    """[ns] of simulated ROS time."""
-    return BEGIN * NANOSECONDS + int(round(seconds * NANOSECONDS))
-
-
-def _camera_info(calibration: Calibration) -> CameraInfo:
-    projection = [list(row) + [0.0] for row in calibration.projection]
-    return CameraInfo(
-        height=calibration.height,
-        width=calibration.width,
-        distortion_model='plumb_bob',
-        D=calibration.distortion.tolist(),
-        K=calibration.camera_matrix.ravel().tolist(),
-        R=calibration.rectification.ravel().tolist(),
-        P=[value for row in projection for value in row],
-    )
 
 
 def main() -> None:

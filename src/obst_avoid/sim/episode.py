@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Callable, List, Optional, Sequence, Tuple
 
 from obst_avoid.core import detection
-from obst_avoid.core.age import NANOSECONDS
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
-from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
+from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, reference_from_decision
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Stamped, State
 from obst_avoid.sim import world as worlds
@@ -90,12 +89,12 @@ def run(
         if now >= next_pose:
             next_pose += pose_period
             pose, world = worlds.lane_pose(world, place)
-            graph.poses.append((world.time + place.pose_errors.delay, Stamped(_stamp(world.time), pose)))
+            graph.poses.append((world.time + place.pose_errors.delay, Stamped(worlds.stamp(world.time), pose)))
         if now >= next_picture:
             next_picture += period
             shown, world = worlds.picture(world, place, renderer)
             data = worlds.jpeg(shown, place)
-            stamp = _stamp(world.time)
+            stamp = worlds.stamp(world.time)
             found = graph.detect(data, stamp)
             waiting.append((world.time + settings.picture_delay, data, found, stamp))
         graph.hear_poses(now)
@@ -118,11 +117,6 @@ def run(
                 tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap,
                 round(tally.off_lane, 3), tally.in_the_way, round(world.time, 3), world.along - scenario.start,
             )  # fmt: skip
-
-
-def _stamp(time: float) -> int:
-    """[ns] of simulated ROS time, which does not begin at 0: that would mean `not set`."""
-    return (1000 + int(time)) * NANOSECONDS + int(round((time % 1) * 1e9))
 
 
 class _Graph:
@@ -160,16 +154,14 @@ class _Graph:
             self._control(now)
 
     def _decide(self, now: float) -> None:
-        self.decision, self._memory = decide(self._inputs, self._memory, _stamp(now), self._robot.avoidance)
+        self.decision, self._memory = decide(self._inputs, self._memory, worlds.stamp(now), self._robot.avoidance)
         self._decided = now
-        stands = self.decision.state in (State.STOPPED, State.FAULT)
-        reference = Reference(self.decision.active, self.decision.d_ref, 0.0 if stands else self.decision.v_ref)
-        self._reference = Stamped(_stamp(now), reference)
+        self._reference = Stamped(worlds.stamp(now), reference_from_decision(self.decision))
         self._control(now)
 
     def _control(self, now: float) -> None:
         settings = self._robot.lane_control
-        self.command, _ = control(self._lane_pose, self._reference, 0.0, _stamp(now), settings)
+        self.command, _ = control(self._lane_pose, self._reference, 0.0, worlds.stamp(now), settings)
         self._commanded, self.spoke = now, True
 
 

@@ -1,5 +1,6 @@
 """Random single pictures with their truth: what a detector is measured on."""
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Sequence, Tuple
@@ -13,7 +14,7 @@ from obst_avoid.sim.light import COLORS
 from obst_avoid.sim.meshes import SORTS
 from obst_avoid.sim.renderer import Renderer, Scene
 from obst_avoid.sim.scenario import CLUTTER, LightSettings, make_light, turns_field
-from obst_avoid.sim.sensor import SensorSettings, SensorState, adapted, developed, mean_signal, signal_factors
+from obst_avoid.sim.sensor import SensorSettings, SensorState, developed, settled, signal_factors
 from obst_avoid.sim.things import Thing, footprint
 from obst_avoid.sim.town import HEADINGS, Route, Town, WorldPose, follow, lane_strip, pose_at
 from obst_avoid.sim.truth import Truth, truth_of
@@ -164,10 +165,7 @@ def _question(
     scene = Scene(towns[layout.map], things, light, _surfaces(settings.tint, random), shading, int(random.randint(4)))
     turn = random.choice([-1, 1]) * blur / renderer.focal_length
     path = [WorldPose(pose.x, pose.y, pose.heading - turn / 2), WorldPose(pose.x, pose.y, pose.heading + turn / 2)]
-    state = SensorState(0.01, 1.0)
-    for _ in range(5):
-        encoded = renderer.render(scene, [pose], signal_factors(state, sensor))
-        state = adapted(state, mean_signal(encoded), 10 * sensor.adapting, sensor)
+    state = settled(functools.partial(renderer.render, scene, [pose]), sensor)
     exposure_error = settings.exposure_error.draw(random)
     factor = 2**exposure_error
     factors = signal_factors(state, sensor)

@@ -7,7 +7,7 @@ same strength everywhere.
 import functools
 import math
 from dataclasses import dataclass, replace
-from typing import Tuple
+from typing import Callable, Tuple
 
 import cv2
 import numpy as np
@@ -19,6 +19,8 @@ FULL_WELL = 4000.0
 """Electrons at full signal with gain 1; a small sensor binned to 640x480. More gain needs fewer."""
 READ_NOISE = 1.2
 """Grey levels of the encoded picture at gain 1, everywhere."""
+SETTLING = 6
+"""Pictures after which exposure and white balance change no more."""
 _BANK = 1 << 21
 
 
@@ -68,6 +70,14 @@ def adapted(state: SensorState, signal: Tuple[float, float, float], dt: float, s
     goals = [min(max((raw[1] / value) ** settings.balance, 1 / limit), limit) for value in raw]
     balance = [before * (goal / before) ** share for before, goal in zip(state.balance, goals)]
     return replace(state, exposure=exposure, gain=gain, balance=(balance[0], balance[1], balance[2]))
+
+
+def settled(look: Callable[[Tuple[float, float, float]], Array], settings: SensorSettings) -> SensorState:
+    """The setting of a camera that has looked at one thing for long. look: from signal factors to what it sees."""
+    state = SensorState(0.01, 1.0)
+    for _ in range(SETTLING):
+        state = adapted(state, mean_signal(look(signal_factors(state, settings))), 10 * settings.adapting, settings)
+    return state
 
 
 def mean_signal(encoded: Array) -> Tuple[float, float, float]:

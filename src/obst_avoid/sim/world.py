@@ -3,25 +3,29 @@
 `Place` is what stays as it is during a drive, `World` what changes. Time is in s since the beginning.
 """
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from typing import List, Optional, Tuple
 
 import numpy as np
 
+from obst_avoid.core.age import NANOSECONDS
 from obst_avoid.core.picture import encode_jpeg
 from obst_avoid.core.settings import SettingsError
 from obst_avoid.core.types import Array, Command, LanePose, Obstacle
 from obst_avoid.sim.pose_errors import PoseErrors, measured
 from obst_avoid.sim.renderer import Renderer, Scene
 from obst_avoid.sim.scenario import Scenario, place
-from obst_avoid.sim.sensor import SensorState, adapted, developed, mean_signal, signal_factors
+from obst_avoid.sim.sensor import SensorState, adapted, developed, mean_signal, settled, signal_factors
 from obst_avoid.sim.settings import SimulationSettings
 from obst_avoid.sim.things import Thing, footprint
-from obst_avoid.sim.town import WorldPose, locate, pose_at
+from obst_avoid.sim.town import locate, pose_at
 from obst_avoid.sim.truth import obstacles_of
 from obst_avoid.sim.vehicle import STILL, Vehicle, body, driven, moved, told
 
+BEGIN = 1000
+"""[s] of simulated ROS time at the start of a drive."""
 STEP = 0.005
 """[s] of one step of the world; contact is looked for in each."""
 GROUND_SEEDS = 4
@@ -118,6 +122,11 @@ def step(world: World, place_: Place) -> World:
     return world if world.contact else replace(world, contact=_contact(world, place_))
 
 
+def stamp(time: float) -> int:
+    """[ns] of simulated ROS time, which does not begin at 0: that would mean that no time is known."""
+    return BEGIN * NANOSECONDS + int(round(time * NANOSECONDS))
+
+
 def obstacles(world: World, place_: Place) -> List[Thing]:
     """The obstacles that are there now."""
     scenario = place_.scenario
@@ -147,7 +156,9 @@ def picture(world: World, place_: Place, renderer: Renderer) -> Tuple[Array, Wor
     """The picture whose exposure ends now: (H, W, 3) uint8 BGR."""
     scene = scene_of(world, place_)
     if not world.pictures:
-        world = replace(world, sensor=settled(renderer, scene, world.vehicle.pose, place_.settings))
+        pose = world.vehicle.pose
+        look = functools.partial(renderer.render, scene, [pose])
+        world = replace(world, sensor=settled(look, place_.settings.sensor))
     sensor, settings = world.sensor, place_.settings.sensor
     vehicle = world.vehicle
     path = [driven(vehicle.pose, vehicle.v, vehicle.omega, -sensor.exposure), vehicle.pose]
@@ -169,21 +180,12 @@ def scene_of(world: World, place_: Place) -> Scene:
     return Scene(scenario.town, things, scenario.light, seed=scenario.seed % GROUND_SEEDS)
 
 
-def settled(renderer: Renderer, scene: Scene, pose: WorldPose, settings: SimulationSettings) -> SensorState:
-    """Exposure and white balance of a camera that has looked at a scene for long."""
-    state = SensorState(0.01, 1.0)
-    for _ in range(6):
-        encoded = renderer.render(scene, [pose], signal_factors(state, settings.sensor))
-        state = adapted(state, mean_signal(encoded), 10 * settings.sensor.adapting, settings.sensor)
-    return state
-
-
 def _acted(actor: Actor, index: int, along: float, stood: float, now: float, place_: Place) -> Actor:
     item = place_.scenario.obstacles[index]
     distance = place_.scenario.start + item.along - along
     here, crossing, left = actor.here, actor.crossing, actor.left
     near = 0 < item.appears_within and distance <= item.appears_within
-    if not actor.gone and (near or 0 < item.appears_at <= now):
+    if near or 0 < item.appears_at <= now:
         here = True
     waited = 0 < item.leaves_after_stop <= stood
     gone = actor.gone or (here and (waited or 0 < item.leaves_at <= now))
