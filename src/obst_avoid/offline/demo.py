@@ -80,8 +80,8 @@ def _faults(summary: Dict[str, Any], log: str) -> List[str]:
     faults = []
     if summary.get('contacts', 1):
         faults.append('the robot touched an obstacle, expected that it does not')
-    if not summary.get('stops_before_an_obstacle') or not summary['releases']:
-        faults.append('the robot did not stop for the duckie in its lane and drive on later, expected both')
+    if not summary.get('stops_before_an_obstacle'):  # that it drove on later shows at the goal, behind the duckie
+        faults.append('the robot did not stop for the duckie in its lane, expected that it does')
     with open(log, encoding='utf-8') as file:
         if 'the goal is reached' not in file.read():
             faults.append('the robot did not reach the end of its way in time, expected that it does')
