@@ -73,7 +73,7 @@ def in_background(function: Callable[[], None]) -> None:
     """
 
     def loop() -> None:
-        while not rospy.is_shutdown():
+        while not ending():
             function()
 
     _guarded(loop)
@@ -94,10 +94,28 @@ def every(period: float, function: Callable[[], None]) -> None:
 
     def step() -> None:
         time.sleep(period)
-        if not rospy.is_shutdown():
+        if not ending():
             function()
 
     in_background(step)
+
+
+def ending() -> bool:
+    """Whether the node has begun to end. rospy closes its topics some time before is_shutdown says so."""
+    return bool(rospy.core.is_shutdown_requested())
+
+
+def callback(function: Callable[[Any], None]) -> Callable[[Any], None]:
+    """For a subscriber whose callback publishes: a topic that is closed because the node ends is no error."""
+
+    def guarded(msg: Any) -> None:
+        try:
+            function(msg)
+        except rospy.ROSException:
+            if not ending():
+                raise
+
+    return guarded
 
 
 def _guarded(function: Callable[[], None]) -> None:
@@ -107,7 +125,7 @@ def _guarded(function: Callable[[], None]) -> None:
         except NodeError as error:
             _end('%s' % error)
         except Exception:  # the last line of defence; it ends the node
-            if rospy.is_shutdown():  # what a thread meets then, a closed topic for example, is no fault of its own
+            if ending():  # what a thread meets then, a closed topic for example, is no fault of its own
                 return
             _end('ending after an unexpected error:\n%s' % traceback.format_exc())
 

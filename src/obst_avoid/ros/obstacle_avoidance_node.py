@@ -51,7 +51,7 @@ class AvoidanceNode:
         self._health = node.Health(self._settings.veh, self._diagnose)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
-        rospy.Subscriber('~posearray', PoseArray, self._on_obstacles, queue_size=1)
+        rospy.Subscriber('~posearray', PoseArray, node.callback(self._on_obstacles), queue_size=1)
 
     def _on_lane_pose(self, msg: Any) -> None:
         try:

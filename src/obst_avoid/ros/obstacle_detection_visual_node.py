@@ -89,7 +89,7 @@ class VisualNode:
         self._broadcaster.sendTransform(camera_transform(self._calibration, self._frame, self._camera_frame))
         self._health = node.Health(settings.veh, self._diagnose)
         node.in_background(self._work)
-        rospy.Subscriber('~posearray', PoseArray, self._on_obstacles, queue_size=1)
+        rospy.Subscriber('~posearray', PoseArray, node.callback(self._on_obstacles), queue_size=1)
 
     @staticmethod
     def _output(name: str, raw: Any, jpeg: Any) -> Output:

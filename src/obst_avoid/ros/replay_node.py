@@ -158,7 +158,7 @@ class ReplayNode:
         wanted = [self._recording.picture_role, LANE_POSE]
         end = time.monotonic() + START_WAIT
         while not all(self._publishers[role].get_num_connections() for role in wanted):
-            if time.monotonic() > end or rospy.is_shutdown():
+            if time.monotonic() > end or node.ending():
                 raise node.NodeError(
                     'nobody listens to the pictures after %.0f s, expected detector and avoider' % START_WAIT
                 )
@@ -174,11 +174,11 @@ class ReplayNode:
         for index, item in enumerate(messages(recording)):
             if now is None or item.time < now - 20 * CRAWL:  # the first message, or the recording jumps back
                 now = item.time
-            while now + TICK < item.time and not rospy.is_shutdown():
+            while now + TICK < item.time and not node.ending():
                 now, wall = self._tick(now + TICK, TICK, wall)
             if item.time >= now:
                 now, wall = self._tick(item.time, item.time - now, wall)
-            if rospy.is_shutdown():
+            if node.ending():
                 return
             self._publish(item)
             if item.role in (JPEG, RAW):
@@ -189,7 +189,7 @@ class ReplayNode:
     def _wait_for_answer(self, stamp: int, now: int) -> int:
         """Let ROS time crawl until the graph has answered a picture. Returns ROS time."""
         end = time.monotonic() + ANSWER_WAIT
-        while not self._answers.wait(stamp) and time.monotonic() < end and not rospy.is_shutdown():
+        while not self._answers.wait(stamp) and time.monotonic() < end and not node.ending():
             now += CRAWL
             self._clock.publish(Clock(border.ros_time(now)))
         return now

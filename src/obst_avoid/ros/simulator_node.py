@@ -175,14 +175,14 @@ class SimulatorNode:
             if time.monotonic() > end:
                 rospy.logwarn('%s: nobody listens to the camera after %.0f s', rospy.get_name(), START_WAIT)
                 break
-            if rospy.is_shutdown():
+            if node.ending():
                 return
             time.sleep(0.05)
         time.sleep(1.0)  # for the subscriptions in the other direction
 
     def _drive(self, renderer: Renderer) -> None:
         factor, steps, wall = self._settings.real_time_factor, 0, time.monotonic()
-        while not rospy.is_shutdown():
+        while not node.ending():
             self._clock.publish(Clock(border.ros_time(worlds.stamp(self._world.time))))
             world = self._sense(self._world, renderer)
             if steps % TRUTH_STEPS == 0:
