@@ -8,7 +8,7 @@ later stage has to ask.
 import math
 import os
 from dataclasses import dataclass, replace
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -139,6 +139,18 @@ def scaled(calibration: Calibration, width: int, height: int) -> Calibration:
         projection=resize @ calibration.projection,
         homography=calibration.homography @ np.linalg.inv(resize),
     )
+
+
+def extrinsic_content(calibration: Calibration, resolution_independent: bool) -> Dict[str, Any]:
+    """What an extrinsic file has to say so that this calibration is read from it, in either of Duckietown's formats."""
+    if resolution_independent:
+        homography = calibration.homography @ calibration.projection
+    else:
+        sx, sy = calibration.width / EXTRINSIC_SIZE[0], calibration.height / EXTRINSIC_SIZE[1]
+        homography = calibration.homography @ _resize(sx, sy)
+    numbers: List[float] = (homography / homography[2, 2]).ravel().tolist()
+    content: Dict[str, Any] = {'homography': numbers}
+    return {'format': 'resolution-independent', **content} if resolution_independent else content
 
 
 def horizon_row(homography: Array, u: float) -> float:

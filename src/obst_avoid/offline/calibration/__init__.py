@@ -1,0 +1,1 @@
+"""What lane paint in pictures says about a calibration. Free of ROS."""
