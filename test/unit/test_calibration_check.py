@@ -190,6 +190,23 @@ class TestPaint:
         )
         assert [line.tape for line in full] == [line.tape for line in empty]
 
+    @pytest.mark.parametrize('yellow', [(125, 205, 215), (20, 150, 200)], ids=['whitish', 'orange'])
+    def test_yellow_tape_is_yellow_when_it_is_pale_or_orange(
+        self, yellow: Tuple[int, int, int], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(drawn, 'YELLOW', yellow)
+        calibration = calibration_of(FILE)
+        picture = drawn.draw(drawn.Scene(), calibration, drawn.RobotPose())
+        lines = find_lines(picture, rows_of(calibration), calibration.homography)
+        assert [line.tape for line in lines] == [Tape.YELLOW, Tape.WHITE, Tape.WHITE]
+
+    def test_a_red_line_is_neither(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(drawn, 'YELLOW', drawn.RED)
+        monkeypatch.setattr(drawn, 'WHITE', drawn.ASPHALT)
+        calibration = calibration_of(FILE)
+        picture = drawn.draw(drawn.Scene(), calibration, drawn.RobotPose())
+        assert find_lines(picture, rows_of(calibration), calibration.homography) == []
+
     @pytest.mark.parametrize('gains', [(1.0, 0.6, 0.5), (0.5, 1.0, 0.6), (0.5, 0.7, 1.0), (0.3, 0.3, 0.3)])
     def test_white_and_yellow_are_told_apart_in_coloured_light(self, gains: Tuple[float, float, float]) -> None:
         calibration = calibration_of(FILE)

@@ -32,6 +32,8 @@ CONTRAST = 0.12
 """Of the brightness range in the rows: weaker edges are asphalt's grain and reflections."""
 YELLOWNESS = 0.72
 """Blue against red and green, relative to the asphalt's: below, tape is yellow; measured 0.2 to 0.6 and 0.85 to 1.1."""
+REDNESS = 0.3
+"""Green against red, relative to the asphalt's: below, tape is red; measured 0.03 to 0.25, and 0.35 on orange dashes."""
 LINE_TOLERANCE = 0.008
 """[m] that a crossing may lie beside the curve of its line."""
 LEAST_CROSSINGS = 12
@@ -120,7 +122,7 @@ def _crossings(picture: Array, rows: Rows) -> Tuple[Array, Array, Array, Array]:
     sampled = cv2.remap(picture, rows.map_u, rows.map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     inside = (rows.map_u >= 0) & (rows.map_v >= 0)
     inside &= (rows.map_u <= picture.shape[1] - 1) & (rows.map_v <= picture.shape[0] - 1)
-    light = (sampled / np.float32(255)) ** np.float32(2.2)  # half way up an edge is half way only in linear light
+    light = (sampled / np.float32(255)) ** np.float32(2.2)  # ratios of colours mean something in linear light only
     road = np.median(light[inside], axis=0) + 1e-4 if inside.any() else np.ones(3)
     light = light / road.astype(np.float32)
     bright = np.where(inside, light[..., 1:].mean(axis=2), np.float32(np.nan))
@@ -195,8 +197,8 @@ def _is_white(light: Array, left: float, right: float) -> Optional[bool]:
     blue, green, red = np.median(light[int(left + quarter) : int(right - quarter) + 1], axis=0)
     ratio = 2 * blue / max(green + red, 1e-6)
     if ratio < YELLOWNESS:
-        return None if green < 0.6 * red else False  # a red stop line
-    return True if green > 0.6 * red else None
+        return None if green < REDNESS * red else False  # a red stop line
+    return True if green > REDNESS * red else None
 
 
 def _pixels(rows: Rows, row: Array, sample: Array) -> Array:

@@ -120,7 +120,7 @@ def _table(axes: Any, check: Check) -> None:
         drawn = axes.table(
             cellText=[row[:-1] for row in rows],
             colLabels=('', 'by the file', 'by the lines', '± (95 %)', 'verdict'),
-            colWidths=(0.30, 0.17, 0.17, 0.17, 0.17),
+            colWidths=(0.34, 0.17, 0.17, 0.16, 0.13),
             loc='upper center',
             cellLoc='right',
         )
