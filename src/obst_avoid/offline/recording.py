@@ -1,7 +1,7 @@
 """Recordings: a bag or a folder of pictures, as one stream of messages in time order."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Dict, Iterator, Tuple
 
 import genpy
@@ -21,11 +21,16 @@ TOPICS = {
 }
 """What is read of a recording, by the end of its topic's name: a bag may come from a robot of another name."""
 TYPES = {JPEG: 'sensor_msgs/CompressedImage', RAW: 'sensor_msgs/Image', CAMERA_INFO: 'sensor_msgs/CameraInfo'}
+CAR_CMD, TRUE_POSE = 'car_cmd', 'true_pose'
+MOTION = {CAR_CMD: 'lane_controller_node/car_cmd', TRUE_POSE: 'simulator_node/truth/pose'}
+"""What says how the robot moved, by the end of its topic's name; read only by those who ask for it."""
+MOTION_TYPES = {CAR_CMD: 'Twist2DStamped', TRUE_POSE: 'PoseStamped'}
+"""Ends of the types' names: a command's class may be our own or duckietown_msgs'."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """One message. role: a key of TOPICS. time: [ns] when it was recorded."""
+    """One message. role: a key of TOPICS or MOTION. time: [ns] when it was recorded."""
 
     role: str
     time: int
@@ -34,13 +39,17 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Recording:
-    """A bag or a folder. topics: by role, as far as it has them; for a folder only JPEG. pictures: how many."""
+    """A bag or a folder. topics: by role, as far as it has them; for a folder only JPEG. pictures: how many.
+
+    motion: topics of MOTION of the robot that took the pictures, by role, as far as it has them.
+    """
 
     path: str
     topics: Dict[str, str]
     pictures: int
     files: Tuple[str, ...] = ()
     rate: float = 30.0
+    motion: Dict[str, str] = field(default_factory=dict)
 
     @property
     def picture_role(self) -> str:
@@ -82,7 +91,11 @@ def open_bag(path: str, vehicle: str = '', topic: str = '') -> Recording:
         raise ToolError(
             '%s has no pictures%s, expected %s, found: %s' % (path, robot, wanted, ', '.join(sorted(info)) or 'nothing')
         )
-    return Recording(path, topics, info[topics[recording.picture_role]].message_count)
+    pictures = info[topics[recording.picture_role]].message_count
+    own = {role: '/%s/%s' % (robot_of(recording), ending) for role, ending in MOTION.items()}
+    types = {name: info[name].msg_type for name in own.values() if name in info}
+    motion = {role: name for role, name in own.items() if types.get(name, '').endswith('/' + MOTION_TYPES[role])}
+    return Recording(path, topics, pictures, motion=motion)
 
 
 def open_folder(path: str, rate: float) -> Recording:
@@ -96,8 +109,11 @@ def robot_of(recording: Recording) -> str:
     return recording.topics[recording.picture_role].strip('/').split('/')[0]
 
 
-def messages(recording: Recording) -> Iterator[Recorded]:
-    """All messages in time order. A file that is no picture is passed on empty: its reader complains."""
+def messages(recording: Recording, motion: bool = False) -> Iterator[Recorded]:
+    """All messages in time order. A file that is no picture is passed on empty: its reader complains.
+
+    motion: also those that say how the robot moved.
+    """
     if recording.files:
         for index, path in enumerate(recording.files):
             stamp = stamp_of_frame(index, recording.rate)
@@ -108,6 +124,8 @@ def messages(recording: Recording) -> Iterator[Recorded]:
             yield Recorded(JPEG, stamp, border.compressed_image_from_jpeg(jpeg, stamp, os.path.basename(path)))
         return
     roles = {name: role for role, name in recording.topics.items() if role != RAW or recording.picture_role == RAW}
+    if motion:
+        roles.update({name: role for role, name in recording.motion.items()})
     with rosbag.Bag(recording.path) as bag:
         try:
             for topic, msg, time in bag.read_messages(topics=list(roles)):

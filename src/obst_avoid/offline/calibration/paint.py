@@ -122,7 +122,7 @@ def _crossings(picture: Array, rows: Rows) -> Tuple[Array, Array, Array, Array]:
     sampled = cv2.remap(picture, rows.map_u, rows.map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     inside = (rows.map_u >= 0) & (rows.map_v >= 0)
     inside &= (rows.map_u <= picture.shape[1] - 1) & (rows.map_v <= picture.shape[0] - 1)
-    light = (sampled / np.float32(255)) ** np.float32(2.2)  # ratios of colours mean something in linear light only
+    light = (sampled / np.float32(255)) ** np.float32(2.2)  # ratios of colours mean something in linear light
     road = np.median(light[inside], axis=0) + 1e-4 if inside.any() else np.ones(3)
     light = light / road.astype(np.float32)
     bright = np.where(inside, light[..., 1:].mean(axis=2), np.float32(np.nan))
