@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, List, Sequence, Tuple
 
+import cv2
 import numpy as np
 import pytest
 
@@ -81,6 +82,30 @@ def off_by(camera: Camera, correction: Correction) -> Tuple[float, float, float]
         math.degrees(camera_pitch(seen)) - camera.pitch,
         camera_position(seen)[2] / camera.height - 1,
     )
+
+
+class TestCorrection:
+    @pytest.mark.parametrize('camera', [FILE, replace(FILE, roll=-3.0, pitch=12.0, yaw=5.0, ahead=0.1, left=0.02)])
+    def test_it_turns_and_raises_the_camera_where_it_stands(self, camera: Camera) -> None:
+        calibration = calibration_of(camera)
+        for correction in (
+            Correction(roll=0.03),
+            Correction(pitch=0.04),
+            Correction(yaw=-0.05),
+            Correction(height=1.2),
+            Correction(0.02, -0.03, 0.0, 0.9),
+        ):
+            seen = replace(calibration, homography=corrected_homography(calibration, correction))
+            assert camera_pitch(seen) - camera_pitch(calibration) == pytest.approx(correction.pitch, abs=0.001)
+            assert camera_roll(seen) - camera_roll(calibration) == pytest.approx(correction.roll, abs=0.002)
+            turned = camera_yaw(seen) - camera_yaw(calibration)
+            assert turned == pytest.approx(correction.yaw, abs=0.001)
+            height = camera.height * correction.height
+            np.testing.assert_allclose(camera_position(seen), (camera.ahead, camera.left, height), atol=1e-6)
+
+    def test_none_changes_nothing(self) -> None:
+        calibration = calibration_of(FILE)
+        np.testing.assert_allclose(corrected_homography(calibration, Correction()), calibration.homography, atol=1e-12)
 
 
 class TestFit:
@@ -231,6 +256,12 @@ class TestJudge:
         pixels = pixel_from_ground(calibration_of(camera).homography, ground)
         ones = np.column_stack([pixels, np.ones(2)]) @ calibration_of(FILE).homography.T
         np.testing.assert_allclose(told, ones[:, :2] / ones[:, 2:] - ground, atol=0.025)
+
+    def test_blur_does_not_seem_like_a_lower_camera(self) -> None:
+        pictures = [cv2.GaussianBlur(picture, (0, 0), 1.2) for picture in drawn_pictures(FILE)]
+        fitted, _ = examine(calibration_of(FILE), pictures)
+        assert fitted is not None
+        assert abs(off_by(FILE, fitted.correction)[2]) < 0.02
 
     def test_a_right_file_fits(self) -> None:
         check = judge(calibration_of(FILE), *examine(calibration_of(FILE), drawn_pictures(FILE)))

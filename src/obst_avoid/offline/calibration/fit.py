@@ -129,12 +129,10 @@ def corrected_homography(calibration: Calibration, correction: Correction) -> Ar
 
 
 def _corrected(calibration: Calibration, rotation: Array, foot: Array, correction: Correction) -> Array:
+    up, forward = rotation[:, 2], np.array([0.0, 0.0, 1.0])
+    left = np.cross(up, forward) / np.linalg.norm(np.cross(up, forward))
     turn = np.eye(3)
-    for axis, angle in (
-        (rotation[:, 2], correction.yaw),
-        (rotation[:, 1], correction.pitch),
-        (np.array([0.0, 0.0, 1.0]), -correction.roll),
-    ):
+    for axis, angle in ((up, correction.yaw), (left, correction.pitch), (forward, -correction.roll)):
         turn = turn @ cv2.Rodrigues(axis * angle)[0]
     scale = correction.height
     raised = np.array([[scale, 0, (1 - scale) * foot[0]], [0, scale, (1 - scale) * foot[1]], [0, 0, 1]])

@@ -33,7 +33,7 @@ CONTRAST = 0.12
 YELLOWNESS = 0.72
 """Blue against red and green, relative to the asphalt's: below, tape is yellow; measured 0.2 to 0.6 and 0.85 to 1.1."""
 REDNESS = 0.3
-"""Green against red, relative to the asphalt's: below, tape is red; measured 0.03 to 0.25, and 0.35 on orange dashes."""
+"""Green against red, relative to the asphalt's: below, tape is red; measured 0.03 to 0.25, orange dashes 0.35."""
 LINE_TOLERANCE = 0.008
 """[m] that a crossing may lie beside the curve of its line."""
 LEAST_CROSSINGS = 12
