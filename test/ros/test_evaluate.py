@@ -20,7 +20,7 @@ from unit.drawn import Scene
 
 from obst_avoid import msg as messages
 from obst_avoid.offline import bag_to_images, detect_images, evaluate, images_to_bag
-from obst_avoid.offline.evaluation import work
+from obst_avoid.offline.evaluation import tasks, work
 from obst_avoid.offline.evaluation.work import evaluate_pictures
 
 DEFAULT = ['--calibration', str(REPOSITORY / 'config' / 'calibrations'), '--vehicle', 'default']
@@ -90,7 +90,7 @@ def finished(output: Path) -> Dict[str, bytes]:
         store.close()
 
 
-def fail_at_0_00(job: work.Job, task: work.Task) -> Any:
+def fail_at_0_00(job: tasks.Job, task: tasks.Task) -> Any:
     """In place of evaluate_pictures."""
     if task.pictures[0].name == '0_00.jpg':
         raise RuntimeError('oh')
@@ -316,7 +316,7 @@ class TestUse:
     def test_no_scheduler(
         self, drawn: Path, tmp_path: Path, sentence: Callable[[str], str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr('obst_avoid.offline.evaluation.work.START_SECONDS', 1)
+        monkeypatch.setattr('obst_avoid.offline.evaluation.workers.START_SECONDS', 1)
         call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(tmp_path / 'out')]
         assert evaluate.main([*call, '--scheduler', 'tcp://127.0.0.1:%d' % free_port(), str(drawn / 'pictures')]) == 1
         assert 'no Dask scheduler with workers at tcp://127.0.0.1' in sentence('evaluate')
@@ -377,7 +377,7 @@ class TestRuns:
         pictures = [str(drawn / 'pictures' / name) for name in ('0_00.jpg', '1_00.jpg')]
         call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(tmp_path / 'out'), *pictures]
         with monkeypatch.context() as patched:
-            patched.setattr(work, 'PICTURES', 1)
+            patched.setattr(tasks, 'PICTURES', 1)
             patched.setattr(work, 'evaluate_pictures', fail_at_0_00)
             assert evaluate.main([*call, '--jobs', jobs]) == 0
             said = read(tmp_path / 'out')

@@ -14,15 +14,9 @@ from hypothesis import strategies as st
 from obst_avoid.offline.evaluation import figures, tally
 from obst_avoid.offline.evaluation.labels import Detected, LabelledPicture
 from obst_avoid.offline.evaluation.matching import Found, Label
-from obst_avoid.offline.evaluation.work import (
-    Job,
-    Run,
-    Task,
-    Total,
-    choose_worst,
-    evaluate_pictures,
-    keep_worst,
-)
+from obst_avoid.offline.evaluation.tasks import Job, Run, Task
+from obst_avoid.offline.evaluation.work import Total, evaluate_pictures
+from obst_avoid.offline.evaluation.worst import choose_worst, keep_worst
 
 boxes = st.tuples(st.integers(0, 600), st.integers(90, 440), st.integers(8, 120), st.integers(8, 120))
 kinds = st.sampled_from(['duckie', 'cone'])

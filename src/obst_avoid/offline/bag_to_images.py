@@ -3,11 +3,11 @@
 import argparse
 import os
 import sys
-from typing import Any, Set
+from typing import Any
 
 from obst_avoid.core.picture import PictureError, encode_jpeg
 from obst_avoid.offline import tool
-from obst_avoid.offline.recording import JPEG, RAW, messages, open_bag
+from obst_avoid.offline.recording import JPEG, named_pictures, open_bag
 from obst_avoid.ros import border
 
 
@@ -29,16 +29,10 @@ def main(arguments: Any = None) -> int:
 def _main(options: argparse.Namespace) -> int:
     recording = open_bag(options.bag, options.vehicle, options.topic)
     os.makedirs(options.output, exist_ok=True)
-    pictures = (item for item in messages(recording) if item.role in (JPEG, RAW))
     written = broken = 0
-    names: Set[str] = set()
-    for index, item in enumerate(tool.progress(pictures, 'writing', recording.pictures)):
+    for index, stem, item in tool.progress(named_pictures(recording), 'writing', recording.pictures):
         if index % options.every:
             continue
-        stamp = border.nanoseconds(item.msg.header.stamp)
-        name = '%d_%09d' % (stamp // 10**9, stamp % 10**9)
-        name += '_%d.jpg' % index if name in names else '.jpg'
-        names.add(name[: -len('.jpg')])
         try:
             if item.role == JPEG:
                 border.picture_from_compressed_image(item.msg)
@@ -49,7 +43,7 @@ def _main(options: argparse.Namespace) -> int:
             print('bag_to_images: %s, picture %d: %s' % (options.bag, index, error), file=sys.stderr)
             broken += 1
             continue
-        with open(os.path.join(options.output, name), 'wb') as file:
+        with open(os.path.join(options.output, stem + '.jpg'), 'wb') as file:
             file.write(jpeg)
         written += 1
     print('%d pictures: %s' % (written, options.output))

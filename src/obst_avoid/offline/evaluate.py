@@ -18,9 +18,20 @@ from obst_avoid.core.detection.settings import PROFILES
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.types import Array
 from obst_avoid.offline import tool
-from obst_avoid.offline.evaluation import figures, labels, matching, recordings, tally, work
+from obst_avoid.offline.evaluation import (
+    figures,
+    finished,
+    labels,
+    matching,
+    recordings,
+    tally,
+    tasks,
+    work,
+    workers,
+    worst,
+)
 from obst_avoid.offline.pictures import read_picture
-from obst_avoid.offline.recording import JPEG, RAW, Recording, messages, open_bag, open_folder
+from obst_avoid.offline.recording import JPEG, Recording, named_pictures, open_bag, open_folder
 from obst_avoid.offline.tool import ToolError
 from obst_avoid.ros import border
 
@@ -110,10 +121,10 @@ def _wrong_use(options: Namespace) -> str:
 # What is compared
 
 
-def _runs(options: Namespace) -> List[work.Run]:
+def _runs(options: Namespace) -> List[tasks.Run]:
     if options.detections:
         names = _different([os.path.splitext(os.path.basename(path))[0] for path in options.detections])
-        return [work.Run(name, 'detections of %s' % path) for name, path in zip(names, options.detections)]
+        return [tasks.Run(name, 'detections of %s' % path) for name, path in zip(names, options.detections)]
     calibration = tool.calibration_of(options)
     profiles, configs = options.profile or [None], options.config or ['']
     count = max(len(profiles), len(configs))
@@ -136,7 +147,7 @@ def _runs(options: Namespace) -> List[work.Run]:
         what += ', calibration of %s' % options.vehicle if options.vehicle else ', default calibration'
         arguments = (*camera, *(['--config', config] if config else []), '--profile', item.profile)
         key = hashlib.sha256(repr((calibration, item)).encode()).hexdigest()
-        found.append(work.Run(name, what, key, arguments, calibration, item))
+        found.append(tasks.Run(name, what, key, arguments, calibration, item))
     return found
 
 
@@ -145,7 +156,7 @@ def _different(names: Sequence[str]) -> List[str]:
     return list(names) if len(set(names)) == len(names) else ['%s (%d)' % (n, i + 1) for i, n in enumerate(names)]
 
 
-def _store(options: Namespace, runs: Sequence[work.Run]) -> sqlite3.Connection:
+def _store(options: Namespace, runs: Sequence[tasks.Run]) -> sqlite3.Connection:
     """Make or open the output folder. Raises ToolError when another evaluation is in it."""
     os.makedirs(options.output, exist_ok=True)
     path = os.path.join(options.output, STORE)
@@ -161,7 +172,7 @@ def _store(options: Namespace, runs: Sequence[work.Run]) -> sqlite3.Connection:
         'settings or calibration': json.dumps([(run.name, run.key) for run in runs]),
         'code': _hash(_code()),
     }
-    return work.open_store(path, call)
+    return finished.open_store(path, call)
 
 
 def _lanes(options: Namespace) -> Optional[str]:
@@ -196,7 +207,7 @@ def _code() -> List[str]:
 # With labels
 
 
-def _with_labels(options: Namespace, runs: Sequence[work.Run], store: sqlite3.Connection) -> int:
+def _with_labels(options: Namespace, runs: Sequence[tasks.Run], store: sqlite3.Connection) -> int:
     index = labels.open_index()
     count = labels.add_labels(index, options.labels)
     lanes = _lanes(options)
@@ -206,7 +217,7 @@ def _with_labels(options: Namespace, runs: Sequence[work.Run], store: sqlite3.Co
         labels.add_detections(index, path, number)
     labels.close_tables(index)
     by = _grouping(options, index)
-    job = work.Job(tuple(runs), options.min_confidence, by, options.worst)
+    job = tasks.Job(tuple(runs), options.min_confidence, by, options.worst)
     total = work.Total(job)
     labels.add_sources(index, _sources(options, labels.folders_of(index), total.broken))
     labels.match_sources(index)
@@ -218,8 +229,8 @@ def _with_labels(options: Namespace, runs: Sequence[work.Run], store: sqlite3.Co
             raise ToolError(_nothing(total.broken, 'none of %d labelled pictures is in the PATHs' % count))
     pictures = labels.pictures(index, len(runs) if files else 0, [*by, tally.SPEED_FIELD, tally.BLUR_FIELD])
     watched = missing.watch(pictures) if files else pictures
-    tasks = work.label_tasks(watched, files, lambda path: _recording(options, path))
-    _do(options, total, work.evaluate_pictures, tasks, store, count if files else count - missing.count)
+    todo = tasks.label_tasks(watched, files, lambda path: _recording(options, path))
+    _do(options, total, work.evaluate_pictures, todo, store, count if files else count - missing.count)
     if not total.pictures:
         raise ToolError(_nothing(total.broken, 'no picture could be evaluated'))
     content = _content(options, total, missing, labels.bad(index, MOST_NAMES))
@@ -261,7 +272,7 @@ class _Missing:
 
 
 def _sources(
-    options: Namespace, folders_in_names: Sequence[str], broken: work.Broken
+    options: Namespace, folders_in_names: Sequence[str], broken: tasks.Broken
 ) -> Iterator[Tuple[str, labels.Source]]:
     """All pictures of the PATHs. A bag that cannot be read is kept as broken."""
     folders = [path for path in options.paths if os.path.isdir(path)]
@@ -278,7 +289,7 @@ def _sources(
 
 
 @contextlib.contextmanager
-def _kept_if_broken(path: str, broken: work.Broken) -> Iterator[None]:
+def _kept_if_broken(path: str, broken: tasks.Broken) -> Iterator[None]:
     """A recording that cannot be read is not fatal."""
     try:
         yield
@@ -297,16 +308,8 @@ def _contained(path: str) -> Tuple[List[str], List[str]]:
 
 def _bag_sources(path: str, recording: Recording) -> Iterator[Tuple[str, labels.Source]]:
     """A bag's pictures by the names that bag_to_images gives them. Raises ToolError."""
-    number = -1
-    names = set()
-    for item in messages(recording):
-        if item.role not in (JPEG, RAW):
-            continue
-        number += 1
+    for number, name, item in named_pictures(recording):
         stamp = border.nanoseconds(item.msg.header.stamp)
-        name = '%d_%09d' % (stamp // 10**9, stamp % 10**9)
-        name += '_%d' % number if name in names else ''
-        names.add(name)
         inside = os.path.join(path[: -len(BAG_ENDING)], name + '.jpg')
         yield inside, labels.Source(path, path, number, stamp, item.time)
 
@@ -318,7 +321,7 @@ def _recording(options: Namespace, path: str) -> Recording:
     return open_bag(path, options.robot)
 
 
-def _nothing(broken: work.Broken, words: str) -> str:
+def _nothing(broken: tasks.Broken, words: str) -> str:
     """The sentence for an evaluation of nothing."""
     if not broken.count:
         return words
@@ -330,10 +333,10 @@ def _nothing(broken: work.Broken, words: str) -> str:
 # Without labels
 
 
-def _without_labels(options: Namespace, runs: Sequence[work.Run], store: sqlite3.Connection) -> int:
+def _without_labels(options: Namespace, runs: Sequence[tasks.Run], store: sqlite3.Connection) -> int:
     sheets = os.path.abspath(os.path.join(options.output, SHEETS))
     os.makedirs(sheets, exist_ok=True)
-    job = work.Job(tuple(runs), sheets=sheets)
+    job = tasks.Job(tuple(runs), sheets=sheets)
     total = work.Total(job)
     found = []
     for path in options.paths:
@@ -344,7 +347,7 @@ def _without_labels(options: Namespace, runs: Sequence[work.Run], store: sqlite3
     if not found and not total.broken.count:
         raise ToolError('no pictures and no bags in %s' % ', '.join(options.paths))
     pictures = sum(recording.pictures for recording in found) * len(runs)
-    _do(options, total, work.check_recording, work.recording_tasks(found, runs), store, pictures)
+    _do(options, total, work.check_recording, tasks.recording_tasks(found, runs), store, pictures)
     if not total.pictures:
         raise ToolError(_nothing(_all_broken(total), 'no picture could be evaluated'))
     content = {
@@ -370,9 +373,9 @@ def _in_order(checked: Sequence[Mapping[str, Any]], found: Sequence[Recording]) 
     return [recordings.from_json(item) for item in sorted(checked, key=lambda item: order[item['path']])]
 
 
-def _all_broken(total: work.Total) -> work.Broken:
+def _all_broken(total: work.Total) -> tasks.Broken:
     """Recordings and single pictures; of one run, the others had the same pictures."""
-    broken = work.Broken(total.broken.count, list(total.broken.entries))
+    broken = tasks.Broken(total.broken.count, list(total.broken.entries))
     for item in total.checked[0]:
         broken.count += item['broken'] - len(item['why_broken'])
         for sentence in item['why_broken']:
@@ -387,34 +390,34 @@ def _do(
     options: Namespace,
     total: work.Total,
     function: Any,
-    tasks: Iterator[work.Task],
+    todo: Iterator[tasks.Task],
     store: sqlite3.Connection,
     pictures: int,
 ) -> None:
     """Do what is not finished, and add everything up."""
-    before = work.finished_count(store)
+    before = finished.finished_count(store)
     if before:
         print('%s: going on, %d tasks are finished already' % (options.output, before))
-    steps = _steps(options, total, function, tasks, store)
+    steps = _steps(options, total, function, todo, store)
     for _ in tool.progress(steps, 'evaluating', pictures):
         pass
 
 
 def _steps(
-    options: Namespace, total: work.Total, function: Any, tasks: Iterator[work.Task], store: sqlite3.Connection
+    options: Namespace, total: work.Total, function: Any, todo: Iterator[tasks.Task], store: sqlite3.Connection
 ) -> Iterator[None]:
     """One step a picture."""
-    finished = 0
+    before = 0
 
-    def unfinished() -> Iterator[work.Task]:
-        nonlocal finished
-        for task in tasks:
-            result = work.finished_result(store, task)
+    def unfinished() -> Iterator[tasks.Task]:
+        nonlocal before
+        for task in todo:
+            result = finished.finished_result(store, task)
             if result is None:
                 yield task
             else:
                 total.add(result)
-                finished += result['pictures']
+                before += result['pictures']
 
     waiting = unfinished()
     first = next(waiting, None)
@@ -424,21 +427,21 @@ def _steps(
                 for path in task.paths:
                     total.broken.add(path, 'its task failed: %s' % why)
                 continue
-            work.store_result(store, task, result)
+            finished.store_result(store, task, result)
             total.add(result)
-            yield from (None for _ in range(result['pictures'] + finished))
-            finished = 0
-    yield from (None for _ in range(finished))
+            yield from (None for _ in range(result['pictures'] + before))
+            before = 0
+    yield from (None for _ in range(before))
 
 
-def _done(options: Namespace, function: Any, job: work.Job, tasks: Iterator[work.Task]) -> Iterator[work.Done]:
+def _done(options: Namespace, function: Any, job: tasks.Job, todo: Iterator[tasks.Task]) -> Iterator[workers.Done]:
     """By workers; comparing results of files is faster than starting these."""
     jobs = options.jobs or (1 if options.detections else os.cpu_count() or 1)
     if jobs == 1 and not options.scheduler:
-        yield from work.work_here(function, job, tasks)
+        yield from workers.work_here(function, job, todo)
         return
-    with work.workers_of(jobs, options.scheduler) as client:
-        yield from work.work_through(client, function, job, tasks)
+    with workers.workers_of(jobs, options.scheduler) as client:
+        yield from workers.work_through(client, function, job, todo)
 
 
 def _page() -> Any:
@@ -468,7 +471,7 @@ def _head(options: Namespace, total: work.Total) -> Dict[str, Any]:
     }
 
 
-def _run_head(run: work.Run) -> Dict[str, Any]:
+def _run_head(run: tasks.Run) -> Dict[str, Any]:
     return {'name': run.name, 'what': run.what, 'arguments': list(run.arguments)}
 
 
@@ -517,7 +520,7 @@ def _run_content(total: work.Total, number: int) -> Dict[str, Any]:
         **figures.curves(everything),
         'position_histogram': figures.written_histogram(everything, 'position'),
         'milliseconds_histogram': figures.written_histogram(everything, 'milliseconds'),
-        'worst': work.choose_worst(total.worst[number], total.job.worst),
+        'worst': worst.choose_worst(total.worst[number], total.job.worst),
     }
 
 
@@ -578,7 +581,7 @@ def _say(options: Namespace, total: work.Total, content: Mapping[str, Any]) -> N
     print(os.path.join(options.output, PAGE))
 
 
-def _say_broken(broken: work.Broken) -> None:
+def _say_broken(broken: tasks.Broken) -> None:
     for entry in sorted(broken.entries, key=lambda entry: entry['path'])[:MOST_NAMES]:
         print('evaluate: %s: %s' % (entry['path'], entry['why']), file=sys.stderr)
     if broken.count > MOST_NAMES:

@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, Tuple
+from typing import Any, Dict, Iterator, Set, Tuple
 
 import genpy
 import rosbag
@@ -107,6 +107,18 @@ def open_folder(path: str, rate: float) -> Recording:
 def robot_of(recording: Recording) -> str:
     """Name of the robot that recorded a bag."""
     return recording.topics[recording.picture_role].strip('/').split('/')[0]
+
+
+def named_pictures(recording: Recording) -> Iterator[Tuple[int, str, Recorded]]:
+    """A recording's picture messages: number, name without ending, message. A name is its stamp, and tells it alone."""
+    names: Set[str] = set()
+    pictures = (item for item in messages(recording) if item.role in (JPEG, RAW))
+    for number, item in enumerate(pictures):
+        stamp = border.nanoseconds(item.msg.header.stamp)
+        name = '%d_%09d' % (stamp // 10**9, stamp % 10**9)
+        name += '_%d' % number if name in names else ''
+        names.add(name)
+        yield number, name, item
 
 
 def messages(recording: Recording, motion: bool = False) -> Iterator[Recorded]:

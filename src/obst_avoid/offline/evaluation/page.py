@@ -119,9 +119,10 @@ def _lead(content: Content) -> List[str]:
     broken, missing, bad = len(content['broken']), content['missing_count'], content['bad_count']
     if not (broken or missing or bad):
         return [first, 'Every picture could be read, and every labelled picture has its detections.']
-    second = '%s could not be read, %s no detections (counted as nothing found), and %s left out as wrong.' % (
+    second = '%s could not be read, %s no detections (%s), and %s left out as wrong.' % (
         counted(broken, 'picture or bag') if broken == 1 else '%d pictures or bags' % broken,
         '1 labelled picture has' if missing == 1 else '%d labelled pictures have' % missing,
+        'counted as nothing found' if content['options'].get('detections') else 'not in the PATHs, left out',
         '1 entry of the detections was' if bad == 1 else '%d entries of the detections were' % bad,
     )
     return [first, second]
