@@ -78,7 +78,7 @@ def precision_recall(runs: Sequence[Mapping[str, Any]], name: str = 'all') -> Op
         axes.set_ylim(0 if lowest < 0.5 else 0.5, 1.01)
         axes.set_xlabel('recall: share of the labelled objects that were found')
         axes.set_ylabel('precision: right share of the detections')
-        axes.legend(loc='lower left')
+        axes.legend(loc='upper right')
 
     what = '' if name == 'all' else ', %ss' % name
     words = '; '.join(_curve_words(run, points) for run, points, _ in curves if points)
