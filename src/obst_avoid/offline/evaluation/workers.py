@@ -119,7 +119,7 @@ def workers_of(jobs: int, scheduler: str) -> Iterator[Any]:
 def _settings() -> Dict[str, Any]:
     """Dask's settings for workers that only work.
 
-    No web pages. No profiler, which takes a tenth of their time. One thread each; and not Dask's limit for giving memory
+    No web pages. No profiler, which takes a tenth of their time. One thread each. Not Dask's limit for giving memory
     back, with which the system clears each picture's memory anew: a quarter of the time.
     """
     threads = {name + '_NUM_THREADS': 1 for name in ('OMP', 'MKL', 'OPENBLAS')}
