@@ -34,8 +34,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_files(folder / 'new', intrinsic_file(FILE), extrinsic_file(FILE, 'resolution-independent'))
     for name, camera in (('off', TRUE), ('good', FILE)):
         (folder / name).mkdir()
+        calibration = calibration_of(camera)  # once: drawing for another one begins anew, slowly
         for number, pose in enumerate(POSES):
-            picture = drawn.draw(drawn.Scene(), calibration_of(camera), drawn.RobotPose(*pose), number)
+            picture = drawn.draw(drawn.Scene(), calibration, drawn.RobotPose(*pose), number)
             (folder / name / ('%d.jpg' % number)).write_bytes(encode_jpeg(picture, 95))
     (folder / 'blank').mkdir()
     (folder / 'blank' / 'a.jpg').write_bytes(encode_jpeg(np.full((480, 640, 3), 90, np.uint8), 95))
@@ -99,15 +100,16 @@ def test_broken_pictures_are_named_and_the_others_used(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     whole = (folder / 'good' / '0.jpg').read_bytes()
+    (tmp_path / 'gone.jpg').symlink_to(tmp_path / 'nowhere.jpg')
     (tmp_path / 'cut.jpg').write_bytes(whole[: len(whole) // 2])
     (tmp_path / 'text.jpg').write_text('no picture')
     small = cv2.resize(cv2.imread(str(folder / 'good' / '1.jpg')), (320, 240))
     cv2.imwrite(str(tmp_path / 'small.jpg'), small)
-    content = checked(folder, tmp_path / 'out', folder / 'good', *sorted(tmp_path.glob('*.jpg')))
+    content = checked(folder, tmp_path / 'out', tmp_path, folder / 'good')
     lines = capsys.readouterr().err.splitlines()
-    for name in ('cut.jpg', 'text.jpg', 'small.jpg'):
+    for name in ('cut.jpg', 'text.jpg', 'small.jpg', 'gone.jpg'):
         assert sum(name in line and line.startswith('check_calibration: ') for line in lines) == 1, lines
-    assert content['verdict'] == 'fits' and len(content['broken']) == 3 and len(content['pictures']) == 3
+    assert content['verdict'] == 'fits' and len(content['broken']) == 4 and len(content['pictures']) == 3
 
 
 def test_pictures_of_another_size_are_scaled_to(folder: Path, tmp_path: Path) -> None:
@@ -121,6 +123,7 @@ def test_pictures_of_another_size_are_scaled_to(folder: Path, tmp_path: Path) ->
 
 def bag_of(path: Path, camera: Camera, commands: bool) -> None:
     """A drive that swings from side to side of the lane, 0.2 m/s, 20 pictures in 8 s."""
+    calibration = calibration_of(camera)
     with rosbag.Bag(str(path), 'w') as bag:
         left, step, swing = 0.0, 0.02, 0.15
         for tick in range(400):
@@ -134,7 +137,7 @@ def bag_of(path: Path, camera: Camera, commands: bool) -> None:
                 bag.write('/duck1/lane_controller_node/car_cmd', msg, stamp)
             if tick % 20 == 0:
                 pose = drawn.RobotPose(0.2 * step * tick, left, heading)
-                jpeg = encode_jpeg(drawn.draw(drawn.Scene(), calibration_of(camera), pose, tick), 90)
+                jpeg = encode_jpeg(drawn.draw(drawn.Scene(), calibration, pose, tick), 90)
                 message = border.compressed_image_from_jpeg(jpeg, border.nanoseconds(stamp), 'camera')
                 bag.write('/duck1/camera_node/image/compressed', message, stamp)
 
@@ -185,6 +188,15 @@ def test_one_sentence_for_what_is_wrong(
     paths = [] if len(arguments) > 2 else [str(folder / 'good')]
     assert check_calibration.main(['--calibration', str(folder / 'files'), *arguments, *paths]) == 1
     assert words in sentence('check_calibration')
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_work(
+    folder: Path, tmp_path: Path, sentence: Callable[[str], str]
+) -> None:
+    (tmp_path / 'file').write_text('')
+    arguments = ['--calibration', str(folder / 'files'), '--vehicle', ROBOT, '--output', str(tmp_path / 'file')]
+    assert check_calibration.main([*arguments, str(folder / 'missing')]) == 1
+    assert str(tmp_path / 'file') in sentence('check_calibration')
 
 
 def test_a_picture_of_another_aspect_is_refused(folder: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:

@@ -150,6 +150,14 @@ class TestFit:
         assert few is not None and many is not None
         assert (many.spread < 0.7 * few.spread).all()
 
+    def test_the_same_view_again_makes_it_no_surer(self) -> None:
+        once, often = (
+            fit(calibration_of(FILE), count * made_lines(FILE, POSES[:1], 1.0), Correction()) for count in (1, 20)
+        )
+        assert once is not None and often is not None
+        assert (once.views, often.views) == (1, 1)
+        np.testing.assert_allclose(often.spread, once.spread, rtol=0.1)
+
     def test_points_that_are_no_line_are_left_out(self) -> None:
         pictures = made_lines(FILE, POSES, 0.5)
         for lines in pictures:
@@ -302,6 +310,17 @@ class TestJudge:
         check = judge(calibration_of(FILE), fit(calibration_of(FILE), pictures, Correction()), tuple(pictures))
         assert check.verdict == UNCLEAR and check.corrected is None
         assert 'no lane that a camera like this one can see' in check.reasons[0]
+        assert check.quantities == () and check.obstacles == ()
+
+    @pytest.mark.parametrize(
+        ('roll', 'pictures', 'verdict'),
+        [(0.6, 3, 'fits'), (1.25, 1, 'unknown'), (1.25, 5, 'off'), (0.6, 1, 'fits'), (4.0, 1, 'off')],
+    )
+    def test_a_verdict_is_given_when_it_is_sure(self, roll: float, pictures: int, verdict: str) -> None:
+        lines = made_lines(replace(FILE, roll=roll), POSES[:pictures], 0.5)
+        check = judge(calibration_of(FILE), fit(calibration_of(FILE), lines, Correction()), tuple(lines))
+        assert [item.verdict for item in check.quantities if item.name == 'roll'] == [verdict]
+        assert check.verdict == {'fits': GOOD, 'unknown': UNCLEAR, 'off': BAD}[verdict]
 
     def test_the_yaw_is_corrected_when_it_is_known(self) -> None:
         camera = replace(FILE, yaw=4.0)

@@ -7,13 +7,14 @@ import os
 import shutil
 import sys
 import time
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
 import yaml
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
 
 from obst_avoid.core.calibration import (
     Calibration,
@@ -25,13 +26,14 @@ from obst_avoid.core.calibration import (
 )
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import read_yaml
-from obst_avoid.core.types import Array
+from obst_avoid.core.types import Array, Command
 from obst_avoid.offline import tool
 from obst_avoid.offline.calibration.fit import Fit, yaw_from_motion
 from obst_avoid.offline.calibration.judge import UNCLEAR, Check, examine, judge
 from obst_avoid.offline.calibration.picture import draw, table_rows
+from obst_avoid.offline.evaluation.recordings import Odometry, Pose, driven, told
 from obst_avoid.offline.pictures import read_picture
-from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recording, messages, open_bag
+from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, TOPICS, Recording, messages, open_bag
 from obst_avoid.ros import border
 
 STEP = 0.12
@@ -90,7 +92,7 @@ def _main(options: argparse.Namespace) -> int:
     for warning in calibration.warnings:
         print('warning: %s' % warning, file=sys.stderr)
     if options.output:
-        _check_output(options.output, calibration)
+        _prepare_output(options.output, calibration)
     broken: List[str] = []
     shots = _live(options, broken.append) if options.live else _recorded(options, broken.append)
     for sentence in broken:
@@ -104,7 +106,6 @@ def _main(options: argparse.Namespace) -> int:
     check = judge(fitting, fitted, lines or ((),) * len(shots), _yaw(fitted, shots, options.aligned))
     _say(check, calibration, size, len(shots))
     if options.output:
-        os.makedirs(options.output, exist_ok=True)
         draw(check, fitting, pictures, [shot.name for shot in shots], os.path.join(options.output, 'check.png'))
         with open(os.path.join(options.output, 'check.json'), 'w', encoding='utf-8') as file:
             json.dump(content_of(check, calibration, size, [shot.name for shot in shots], broken), file, indent=1)
@@ -177,8 +178,11 @@ def _say(check: Check, calibration: Calibration, size: Tuple[int, int], count: i
         )  # fmt: skip
 
 
-def _check_output(folder: str, calibration: Calibration) -> None:
-    """Nothing that exists is written over, least of all the calibration under test."""
+def _prepare_output(folder: str, calibration: Calibration) -> None:
+    """Nothing that exists is written over, least of all the calibration under test. Said before the work."""
+    os.makedirs(folder, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise tool.ToolError('%s cannot be written, expected a folder for the results' % folder)
     for name in ('check.png', 'check.json', *_corrected_files(calibration.vehicle)):
         path = os.path.join(folder, name)
         if os.path.exists(path):
@@ -221,8 +225,9 @@ def _yaw(fitted: Optional[Fit], shots: Sequence[Shot], aligned: bool) -> Optiona
     if fitted is None:
         return None
     if aligned:
-        weights = 1 / (fitted.heading_spread**2 + ALIGNED**2)
-        return float((fitted.headings * weights).sum() / weights.sum()), float(1 / math.sqrt(weights.sum()))
+        weights = 1 / fitted.heading_spread**2
+        spread = math.hypot(1 / math.sqrt(weights.sum()), ALIGNED)  # the person's error is the same in all pictures
+        return float((fitted.headings * weights).sum() / weights.sum()), spread
     if any(shot.driven is None for shot in shots):
         return None
     return yaw_from_motion(fitted, [shot.time or 0.0 for shot in shots], [shot.driven or 0.0 for shot in shots])
@@ -264,18 +269,21 @@ def _chosen_of(recording: Recording, most: int) -> Tuple[Dict[int, Tuple[float, 
     """Time [s] and way [m] of the pictures that are taken, by number, and whether the way is known."""
     moving = CAR_CMD in recording.motion
     candidates: List[Tuple[int, float, float]] = []
-    begin, driven, speed, index = None, 0.0, 0.0, 0
-    before = 0.0
+    begin, way, index = None, 0.0, 0
+    odometry: Optional[Odometry] = None
     for item in messages(recording, True):
         begin = item.time if begin is None else begin
-        now = (item.time - begin) / 1e9
-        driven, before = driven + speed * (now - before), now
         if item.role == CAR_CMD:
-            speed = float(item.msg.v)
+            odometry = told(odometry, _command(item.msg), item.time)
         elif item.role in (JPEG, RAW):
+            now = (item.time - begin) / 1e9
             last = candidates[-1] if candidates else None
-            if last is None or (driven - last[2] >= STEP if moving else now - last[1] >= PAUSE):
-                candidates.append((index, now, driven))
+            if odometry is not None:
+                odometry = driven(odometry, item.time)
+                way += math.hypot(odometry.pose.x, odometry.pose.y)
+                odometry = replace(odometry, pose=Pose())
+            if last is None or (way - last[2] >= STEP if moving else now - last[1] >= PAUSE):
+                candidates.append((index, now, way))
             index += 1
     blocks = [candidates[at : at + BLOCK] for at in range(0, len(candidates), BLOCK)]
     taken = _evenly(blocks, max(1, most // BLOCK))
@@ -302,17 +310,29 @@ def _read(
     return shots
 
 
+def _command(msg: Any) -> Command:
+    """What the robot was told; nothing, when the message is broken."""
+    try:
+        return border.command_from_msg(msg)
+    except border.BorderError:
+        return Command(0.0, 0.0)
+
+
 def _live(options: argparse.Namespace, complain: Callable[[str], None]) -> List[Shot]:
-    """Pictures of the running robot, PAUSE apart."""
-    topic = '/%s/camera_node/image/compressed' % options.vehicle
+    """Pictures of the running robot, PAUSE apart; compressed ones where there are any."""
     if not rosgraph.is_master_online():  # init_node would wait for it for ever
         raise tool.ToolError('no ROS master at %s, expected a running robot' % rosgraph.get_master_uri())
     rospy.init_node('check_calibration', anonymous=True, disable_signals=True)
+    raw, jpeg = ('/%s/%s' % (options.vehicle, TOPICS[role]) for role in (RAW, JPEG))
+    published = [name for name, _ in rospy.get_published_topics()]
+    use_raw = raw in published and jpeg not in published
+    topic = raw if use_raw else jpeg
     shots: List[Shot] = []
     for number in tool.progress(range(options.pictures), 'taking pictures'):
         try:
-            msg = rospy.wait_for_message(topic, CompressedImage, PATIENCE)
-            shots.append(Shot('%s, picture %d' % (topic, number), border.picture_from_compressed_image(msg)))
+            msg = rospy.wait_for_message(topic, Image if use_raw else CompressedImage, PATIENCE)
+            picture = border.picture_from_image(msg) if use_raw else border.picture_from_compressed_image(msg)
+            shots.append(Shot('%s, picture %d' % (topic, number), picture))
         except rospy.ROSException:
             complain('no picture on %s for %.0f s' % (topic, PATIENCE))
             break
@@ -323,14 +343,16 @@ def _live(options: argparse.Namespace, complain: Callable[[str], None]) -> List[
 
 
 def _of_one_size(shots: Sequence[Shot], complain: Callable[[str], None]) -> List[Shot]:
-    """Those of the first one's size; one camera has one."""
-    kept = [shot for shot in shots if shot.picture.shape == shots[0].picture.shape]
+    """Those of the commonest size; one camera has one."""
+    if not shots:
+        return []
+    wanted = Counter(shot.picture.shape for shot in shots).most_common(1)[0][0]
+    kept = [shot for shot in shots if shot.picture.shape == wanted]
     for shot in shots:
-        if shot.picture.shape != shots[0].picture.shape:
+        if shot.picture.shape != wanted:
             height, width = shot.picture.shape[:2]
-            wanted = shots[0].picture.shape
             complain(
-                '%s: %dx%d, expected %dx%d as in %s' % (shot.name, width, height, wanted[1], wanted[0], shots[0].name)
+                '%s: %dx%d, expected %dx%d as in %s' % (shot.name, width, height, wanted[1], wanted[0], kept[0].name)
             )
     return kept
 

@@ -47,6 +47,9 @@ COMMON = len(LIMITS) + len(KNOWN) + 1
 """Values that all pictures share; each picture adds heading, offset and curvature."""
 STEPS = 40
 """Of the least squares; sound lines need 5 to 15."""
+ANOTHER_VIEW = (math.radians(1.0), 0.01)
+"""Heading [rad] or offset [m] by which two pictures differ at least, if they are to count as two: a robot that stands
+shows the same again and again."""
 FEW = 5
 """Pictures from which on their scatter tells more than the model does of how sure the answer is."""
 
@@ -92,6 +95,7 @@ class Fit:
     headings, offsets, curvatures: (N,) of the pictures that had lines, [rad], [m] of the yellow line's middle to the
     left, [1/m]; heading_spread: (N,) [rad]. pictures: (N,) which ones.
     noise: [px] standard deviation of the edge points about the lines. edges: those that were used.
+    views: how many of the pictures show the lane from another place.
     tapes: how many white and yellow lines were used. at_limit: the answer lies at the edge of what is tried.
     """
 
@@ -107,6 +111,7 @@ class Fit:
     curvatures: Array
     noise: float
     edges: Edges
+    views: int
     tapes: Tuple[int, int]
     at_limit: bool
 
@@ -195,21 +200,34 @@ def fit(calibration: Calibration, pictures: Sequence[Sequence[Line]], begin: Cor
     final = least_squares(residuals, first.x, jacobian, args=(edges, noise), **options)
     size = len(edges.pixels)
     apart = final.fun[:size] * noise
-    covariance = _covariance(final.jac, final.fun, edges, _points_for_one(apart, edges.edge))
+    lanes = final.x[COMMON:].reshape(-1, 3)
+    views = _views(lanes[:, 0], lanes[:, 1])
+    alike = _points_for_one(apart, edges.edge) * len(lanes) / views
+    covariance = _covariance(final.jac, final.fun, edges, alike, views)
     height = math.exp(final.x[2])
     covariance[2] *= height
     covariance[:, 2] *= height
     spread = np.sqrt(np.diag(covariance))
-    lanes, lane_spread = final.x[COMMON:].reshape(-1, 3), spread[COMMON:].reshape(-1, 3)
+    lane_spread = spread[COMMON:].reshape(-1, 3)
     lane, white, yellow = zip(final.x[3:6], spread[3:6])
     return Fit(
         Correction(float(final.x[0]), float(final.x[1]), 0.0, height), covariance[:3, :3], lane, white, yellow,
-        np.array(numbers), lanes[:, 0], lane_spread[:, 0], lanes[:, 1], lanes[:, 2], _noise(apart), edges, tapes,
+        np.array(numbers), lanes[:, 0], lane_spread[:, 0], lanes[:, 1], lanes[:, 2], _noise(apart), edges, views, tapes,
         bool((np.abs(final.x[:3]) > 0.98 * most[:3]).any()),
     )  # fmt: skip
 
 
-def _covariance(jacobian: Array, residual: Array, edges: Edges, points_for_one: float) -> Array:
+def _views(headings: Array, offsets: Array) -> int:
+    """How many of the pictures were taken from another place in the lane than those before."""
+    kept: List[Tuple[float, float]] = []
+    for heading, offset in zip(headings, offsets):
+        far = [abs(heading - h) > ANOTHER_VIEW[0] or abs(offset - o) > ANOTHER_VIEW[1] for h, o in kept]
+        if all(far):
+            kept.append((heading, offset))
+    return len(kept)
+
+
+def _covariance(jacobian: Array, residual: Array, edges: Edges, points_for_one: float, views: int) -> Array:
     """Of all values: from the edge points' noise, or from the scatter of the pictures where that is larger.
 
     The scatter (cluster-robust covariance, Liang and Zeger 1986) sees what pictures do not have in common: worn tape,
@@ -221,13 +239,13 @@ def _covariance(jacobian: Array, residual: Array, edges: Edges, points_for_one: 
     model = np.linalg.pinv(weighted.T @ weighted)
     deviation = np.sqrt(np.diag(model))
     count = int(edges.picture.max()) + 1
-    if count >= FEW:
+    if views >= FEW:
         bread = np.linalg.pinv(jacobian.T @ jacobian)
         pulls = np.zeros((count, jacobian.shape[1]))
         np.add.at(pulls, edges.picture, jacobian[:size] * residual[:size, None])
         scatter = bread @ (pulls.T @ pulls) @ bread * count / (count - 1)
         deviation = np.maximum(deviation, np.sqrt(np.maximum(np.diag(scatter), 0)))
-    deviation[:3] = np.hypot(deviation[:3], np.array(PICTURE_SPREAD) / math.sqrt(count))
+    deviation[:3] = np.hypot(deviation[:3], np.array(PICTURE_SPREAD) / math.sqrt(views))
     widened = deviation / np.sqrt(np.diag(model))
     covariance: Array = model * widened[:, None] * widened[None, :]
     return covariance

@@ -97,19 +97,19 @@ def judge(
         reason = 'no lane line was found in %d picture%s' % (len(lines), '' if len(lines) == 1 else 's')
         return Check(UNCLEAR, (reason,), (), (), None, None, lines)
     noise = fitted.noise * 480 / calibration.height
+    if noise > BEND[1] or fitted.at_limit:
+        reason = (
+            'the lines found are no lane that a camera like this one can see (%.1f px apart, expected below %.1f)'
+            % (noise, BEND[1])
+            if noise > BEND[1]
+            else 'the best fit lies at the edge of what is tried: 12 degrees of roll, 15 of pitch, 45 % of height'
+        )
+        return Check(UNCLEAR, (reason,), (), (), fitted, None, lines)
     quantities = _quantities(calibration, fitted, yaw)
     unknown = [item.name for item in quantities if item.verdict == UNKNOWN and item.name in MUST_BE_KNOWN]
     off = [item for item in quantities if item.verdict == OFF]
     reasons = []
-    if noise > BEND[1] or fitted.at_limit:
-        verdict = UNCLEAR
-        reasons.append(
-            'the lines found are no lane that a camera like this one can see (%.1f px apart, expected below %.1f)'
-            % (noise, BEND[1])
-            if noise > BEND[1]
-            else 'the best fit lies at the edge of what is tried: 12 degrees of roll, 15 of pitch'
-        )
-    elif off and not unknown:
+    if off and not unknown:
         verdict = BAD
     elif unknown:
         verdict = UNCLEAR
@@ -252,7 +252,7 @@ def _verdict(difference: float, spread: float, tolerance: float) -> str:
     """OFF beyond the tolerance, when it is sure; FITS when the answer is sharp enough to say so."""
     if abs(difference) > max(tolerance, 2 * spread):
         return OFF
-    return FITS if spread <= tolerance else UNKNOWN
+    return FITS if abs(difference) <= tolerance and spread <= tolerance else UNKNOWN
 
 
 def _sentence(item: Quantity) -> str:
