@@ -47,7 +47,10 @@ def detections(pictures: Dict[str, Sequence[Json]]) -> Json:
 
 def written(path: Path, content: Any) -> str:
     """The path of a new JSON file."""
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
     return str(path)
 
 

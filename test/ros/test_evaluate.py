@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # the robot's pytest does not export its fixtures' types
 
+import itertools
 import json
 import os
 import signal
@@ -20,8 +21,9 @@ from unit.drawn import Scene
 
 from obst_avoid import msg as messages
 from obst_avoid.offline import bag_to_images, detect_images, evaluate, images_to_bag
-from obst_avoid.offline.evaluation import tasks, work
+from obst_avoid.offline.evaluation import tasks, work, workers
 from obst_avoid.offline.evaluation.work import evaluate_pictures
+from obst_avoid.offline.tool import ToolError
 
 DEFAULT = ['--calibration', str(REPOSITORY / 'config' / 'calibrations'), '--vehicle', 'default']
 PAPER = [*DEFAULT, '--profile', 'paper']
@@ -88,6 +90,35 @@ def finished(output: Path) -> Dict[str, bytes]:
         return {}
     finally:
         store.close()
+
+
+def labelled(**fields: Any) -> Any:
+    """One labelled duckie with these fields."""
+    content = coco({'a.jpg': [(1, BOX)]})
+    content['annotations'][0].update(fields)
+    return content
+
+
+def broken_after(messages_of: Any, count: int) -> Any:
+    """In place of recording.messages."""
+
+    def called(recording: Any, motion: bool) -> Any:
+        yield from itertools.islice(messages_of(recording, motion), count)
+        raise ToolError('%s is damaged' % recording.path)
+
+    return called
+
+
+def fail_once(function: Any) -> Any:
+    """The function, which fails when it is called first."""
+    errors = [OverflowError('odd')]
+
+    def called(*arguments: Any) -> Any:
+        if errors:
+            raise errors.pop()
+        return function(*arguments)
+
+    return called
 
 
 def fail_at_0_00(job: tasks.Job, task: tasks.Task) -> Any:
@@ -164,19 +195,20 @@ class TestFiles:
         bad: List[Any] = [
             {**good, 'kind': 'frog'}, {**good, 'bbox': [1, 2, 3]}, {**good, 'bbox': [1, 2, 0, 3]},
             {**good, 'bbox': [1, 2, 'x', 3]}, {**good, 'confidence': 'high'}, {**good, 'in_lane': 'yes'}, 7,
+            {**good, 'confidence': 1.01}, {**good, 'confidence': -0.1}, {**good, 'x': 1e305}, {**good, 'radius': 'big'},
         ]  # fmt: skip
         content = detections({'a.jpg': [*bad, good]})
         content['images'][0]['width'] = 320
         det = written(tmp_path / 'd.json', content)
         assert evaluate.main(['--labels', labels, '--detections', det, '--output', str(tmp_path / 'out')]) == 0
         said = read(tmp_path / 'out')
-        assert said['bad_count'] == len(said['bad_entries']) == 8
+        assert said['bad_count'] == len(said['bad_entries']) == 12
         assert said['bad_entries'][0].startswith('a.jpg: bad obstacle {"kind": "frog"')
         assert said['bad_entries'][-1] == 'a.jpg: size 320x480, labels 640x480'
         assert (said['missing'], said['missing_count']) == (['b.jpg'], 1)
         assert said['runs'][0]['groups']['all']['recall']['value'] == 1
         errors = capsys.readouterr().err
-        assert '8 bad entries' in errors
+        assert '12 bad entries' in errors
         assert '1 labelled pictures, as of b.jpg: no detections' in errors
 
     @pytest.mark.parametrize(
@@ -192,7 +224,19 @@ class TestFiles:
             ({**coco({'a.jpg': []}), 'annotations': [{'image_id': 1, 'category_id': 9, 'bbox': BOX}]}, 'category_id 9'),
             ({**coco({'a.jpg': []}), 'annotations': [{'image_id': 1, 'category_id': 1}]}, 'has bbox missing'),
             ({**coco({'a.jpg': []}), 'annotations': [{'category_id': 1, 'bbox': BOX}]}, 'has no image_id'),
-            (coco({'a.jpg': [(1, [1.0, 2.0, float('nan'), 3.0])]}), 'is not JSON'),
+            ({key: value for key, value in coco({'a.jpg': []}).items() if key != 'annotations'}, 'no list of annotat'),
+            ({**coco({'a.jpg': []}), 'annotations': {}}, 'no list of annotations, expected one, empty or not'),
+            ({**coco({'a.jpg': []}), 'annotations': 'none'}, 'has no list of annotations'),
+            (labelled(in_lane='false'), 'annotation 1 has in_lane "false", expected true or false'),
+            (labelled(iscrowd='0'), 'annotation 1 has iscrowd "0", expected true or false'),
+            (labelled(riding=[]), 'annotation 1 has riding [], expected true or false'),
+            (labelled(x=1e305), 'annotation 1 has x 1e+305, expected a number below 1000 (m)'),
+            (labelled(radius='big'), 'annotation 1 has radius "big"'),
+            (coco({'a.jpg': []}, speed='fast'), 'a.jpg has speed "fast", expected a finite number'),
+            (coco({'a.jpg': []}, blur_px=[1]), 'a.jpg has blur_px [1], expected a finite number'),
+            (coco({'a.jpg': [(1, [1.0, 2.0, 10**400, 3.0])]}), 'l.json'),
+            (coco({'a.jpg': [(1, [1.0, 2.0, float('nan'), 3.0])]}), 'expected UTF-8 JSON without NaN'),
+            (json.dumps(coco({'a.jpg': []})).encode('utf-16'), 'expected UTF-8 JSON without NaN'),
             (coco({'a.jpg': [(1, [1.0, 2.0, 0.0, 3.0])]}), 'width and height > 0'),
             (
                 {**coco({'a.jpg': []}), 'images': coco({'a.jpg': []})['images'] * 2},
@@ -208,6 +252,48 @@ class TestFiles:
         said = sentence('evaluate')
         assert words in said
         assert path in said
+
+    def test_what_else_may_stand_in_labels(self, tmp_path: Path) -> None:
+        content = labelled(in_lane=0, iscrowd=False, riding=None)
+        content['annotations'].append({'id': 2, 'image_id': 1, 'category_id': 3, 'bbox': [1, 2, 0, 3]})
+        labels = written(tmp_path / 'l.json', b'\xef\xbb\xbf' + json.dumps(content).encode())
+        det = written(tmp_path / 'd.json', detections({'a.jpg': [found('duckie', BOX, in_lane=True)]}))
+        assert evaluate.main(['--labels', labels, '--detections', det, '--output', str(tmp_path / 'out')]) == 0
+        said = read(tmp_path / 'out')
+        assert said['runs'][0]['groups']['all']['side']['outside_called_inside'] == 1
+        expected = 'expected [left, top, width, height], finite, width and height > 0'
+        assert said['bad_entries'] == ['%s: annotation 2 has bbox [1, 2, 0, 3], %s' % (labels, expected)]
+
+    def test_an_odd_value_costs_its_picture_only(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        labels = written(tmp_path / 'l.json', coco({'a.jpg': [(1, BOX)], 'b.jpg': [(1, BOX)]}))
+        det = written(tmp_path / 'd.json', detections({name: [found('duckie', BOX)] for name in ('a.jpg', 'b.jpg')}))
+        monkeypatch.setattr(work, 'tally_of_label', fail_once(work.tally_of_label))
+        assert evaluate.main(['--labels', labels, '--detections', det, '--output', str(tmp_path / 'out')]) == 0
+        said = read(tmp_path / 'out')
+        assert said['broken'] == [{'path': 'a.jpg', 'why': 'OverflowError: odd'}]
+        assert (said['pictures'], said['runs'][0]['groups']['all']['relevant_gt']) == (1, 1)
+
+    @pytest.mark.parametrize(
+        ('case', 'labelled_as', 'found_as', 'missing'),
+        [
+            ('one name in two folders', ['a/1.jpg', 'b/1.jpg'], ['a/1.jpg'], ['b/1.jpg']),
+            ('a row that could be of both', ['a/1.jpg', 'b/1.jpg'], ['1.jpg'], ['a/1.jpg', 'b/1.jpg']),
+            ('two endings', ['1.jpg', '1.png'], ['1.jpg'], ['1.png']),
+            ('two endings of neither', ['1.jpg', '1.png'], ['1.bmp'], ['1.jpg', '1.png']),
+            ('two rows for one', ['1.jpg'], ['a/1.jpg', 'b/1.jpg'], ['1.jpg']),
+            ('by base name', ['a/1.jpg'], ['1.jpg'], []),
+            ('by stem', ['a/1.jpg'], ['b/1.png'], []),
+        ],
+    )
+    def test_no_row_is_taken_twice(
+        self, case: str, labelled_as: List[str], found_as: List[str], missing: List[str], tmp_path: Path
+    ) -> None:
+        labels = written(tmp_path / 'l.json', coco({name: [(1, BOX)] for name in labelled_as}))
+        det = written(tmp_path / 'd.json', detections({name: [found('duckie', BOX)] for name in found_as}))
+        assert evaluate.main(['--labels', labels, '--detections', det, '--output', str(tmp_path / 'out')]) == 0
+        said = read(tmp_path / 'out')
+        assert said['missing'] == missing, case
+        assert said['runs'][0]['groups']['all']['recall']['k'] == len(labelled_as) - len(missing)
 
     @pytest.mark.parametrize(
         ('content', 'words'),
@@ -238,6 +324,14 @@ class TestFiles:
         assert groups['lane polygons']['with']['frames'] == 1
         other = written(tmp_path / 'other.json', {'a.png': {'polygons': [{'label': 'Ego Lane', 'points': [[0]]}]}})
         assert evaluate.main([*files, '--lanes', other, '--output', str(tmp_path / 'out2')]) == 1
+        sentence('evaluate')
+        assert (
+            evaluate.main([*files, '--lanes', written(tmp_path / 'n.json', [1]), '--output', str(tmp_path / 'o')]) == 1
+        )
+        assert 'has no lane polygons, expected a mapping' in sentence('evaluate')
+        assert (
+            evaluate.main([*files, '--lanes', written(tmp_path / 'n.json', {}), '--output', str(tmp_path / 'p')]) == 0
+        )
 
 
 class TestUse:
@@ -266,6 +360,36 @@ class TestUse:
             evaluate.main(arguments)
         assert ended.value.code == 2
         assert 'usage: evaluate' in capsys.readouterr().err
+
+    @pytest.mark.parametrize(
+        'arguments',
+        [
+            ['--profile', 'paper', 'pictures/'],
+            ['--profile', 'paper', '--config', 'a', 'b', 'pictures/'],
+            ['--labels', 'l.json', '--detections', 'd.json', 'e.json', 'pictures/'],
+            ['--profile', 'paper', '--config', 'a', 'pictures/'],
+            ['--labels', 'l.json', '--profile', 'paper', '--config', 'a', 'pictures/'],
+            ['--help'],
+        ],
+    )
+    def test_paths_behind_an_option_of_one_or_two_values(
+        self, arguments: List[str], capsys: pytest.CaptureFixture
+    ) -> None:
+        with pytest.raises(SystemExit):
+            evaluate.main(['--output', 'o', *arguments])
+        said = capsys.readouterr()
+        assert 'PATHs stand before all options, or behind "--"' in ' '.join((said.out + said.err).split())
+
+    def test_paths_before_the_options_or_behind_two_dashes(self, drawn: Path, tmp_path: Path) -> None:
+        picture, labels = str(drawn / 'pictures' / '0_00.jpg'), ['--labels', str(drawn / 'labels.json'), '--jobs', '1']
+        first = [picture, *labels, '--output', str(tmp_path / 'a'), *PAPER]
+        last = [*labels, '--output', str(tmp_path / 'b'), *PAPER, '--', picture]
+        assert [evaluate.main(first), evaluate.main(last)] == [0, 0]
+
+    def test_an_argument_has_a_name_for_people(self, capsys: pytest.CaptureFixture) -> None:
+        with pytest.raises(SystemExit):
+            evaluate.main(['--min-confidence', 'x', '--output', 'o'])
+        assert "invalid confidence value: 'x'" in capsys.readouterr().err
 
     def test_help(self, capsys: pytest.CaptureFixture) -> None:
         with pytest.raises(SystemExit) as ended:
@@ -362,6 +486,47 @@ class TestRuns:
         for name in ('bad.bag', 'half.jpg', 'no.jpg', 'gone.jpg'):
             assert name in errors
         assert 'Traceback' not in errors
+
+    def test_names_that_are_not_utf8(
+        self, drawn: Path, tmp_path: Path, sentence: Callable[[str], str], capsys: pytest.CaptureFixture
+    ) -> None:
+        folder = tmp_path / 'pictures'
+        folder.mkdir()
+        for name in (b'caf\xe9.jpg', b'0_00.jpg', b'caf\xe9.bag'):
+            (folder / os.fsdecode(name)).write_bytes(jpeg_of())
+        call = [*PAPER, '--jobs', '1', '--output']
+        labels = ['--labels', str(drawn / 'labels.json')]
+        assert evaluate.main([*call, str(tmp_path / 'a'), *labels, str(folder)]) == 0
+        broken = read(tmp_path / 'a')['broken']
+        assert [(os.path.basename(item['path']), item['why']) for item in broken] == [
+            ('caf\ufffd.bag', evaluate.NOT_UTF8), ('caf\ufffd.jpg', evaluate.NOT_UTF8),
+        ]  # fmt: skip
+        assert evaluate.main([*call, str(tmp_path / 'b'), str(folder)]) == 0
+        assert (read(tmp_path / 'b')['pictures'], read(tmp_path / 'b')['broken_count']) == (2, 1)
+        assert len(os.listdir(tmp_path / 'b' / 'sheets')) == 1
+        (folder / os.fsdecode(b'caf\xe9.jpg')).write_bytes(b'junk')
+        assert evaluate.main([*call, str(tmp_path / 'c'), '--sequence', *labels, str(folder)]) == 0
+        capsys.readouterr()
+        assert evaluate.main([*call, str(tmp_path / 'd'), str(folder / os.fsdecode(b'caf\xe9.jpg'))]) == 1
+        assert evaluate.NOT_UTF8 in sentence('evaluate')
+
+    def test_a_file_of_a_sequence_that_cannot_be_read(self, drawn: Path, tmp_path: Path) -> None:
+        folder = tmp_path / 'pictures'
+        folder.mkdir()
+        names = ['%d_00.jpg' % number for number in (0, 1, 2)]
+        for name in (names[0], names[2]):
+            (folder / name).write_bytes(jpeg_of())
+        (folder / names[1]).symlink_to('nowhere')
+        (folder / '1_01.jpg').mkdir()
+        labels = ['--labels', written(tmp_path / 'l.json', coco({name: [] for name in names}))]
+        call = [*PAPER, '--jobs', '1', '--output']
+        assert evaluate.main([*call, str(tmp_path / 'a'), *labels, '--sequence', str(folder)]) == 0
+        said = read(tmp_path / 'a')
+        assert (said['pictures'], [os.path.basename(item['path']) for item in said['broken']]) == (
+            2, ['1_00.jpg', '1_01.jpg'],
+        )  # fmt: skip
+        assert evaluate.main([*call, str(tmp_path / 'b'), str(folder)]) == 0
+        assert read(tmp_path / 'b')['runs'][0]['figures']['total']['broken'] == 2
 
     def test_all_is_broken(self, tmp_path: Path, sentence: Callable[[str], str]) -> None:
         (tmp_path / 'a.jpg').write_bytes(jpeg_of()[:5000])
@@ -495,6 +660,69 @@ class TestInParallel:
         assert len(finished(output)) == 6
         assert timeless(read(output)) == timeless(whole)
 
+    def test_the_scheduler_dies(self, drawn: Path, tmp_path: Path, cluster: Cluster) -> None:
+        output = tmp_path / 'out'
+        call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(output), str(drawn / 'pictures')]
+        process = subprocess.Popen(
+            [sys.executable, SCRIPT, *call, '--scheduler', cluster.address],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        try:
+            wait_for(lambda: finished(output) or process.poll() is not None, LIMIT, 'a finished task')
+            cluster.scheduler.kill()
+            errors = process.communicate(timeout=LIMIT)[1].decode().splitlines()
+        finally:
+            process.kill()
+        words = (cluster.address, 'the same call goes on where it stopped')
+        assert errors == ['evaluate: the scheduler at %s is gone; %s' % words], '\n'.join(errors)
+        assert process.returncode == 1
+        assert 0 < len(finished(output)) < 6
+
+    def test_workers_that_cannot_start(self, drawn: Path, tmp_path: Path) -> None:
+        call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(tmp_path / 'out'), '--jobs', '2']
+        done = subprocess.run(
+            [sys.executable, SCRIPT, *call, str(drawn / 'pictures')],
+            env={**os.environ, 'DASK_DISTRIBUTED__WORKER__PRELOAD': '["nonexistent_module_x"]'},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            timeout=LIMIT,
+            check=False,
+        )
+        words = "ModuleNotFoundError: No module named 'nonexistent_module_x'"
+        assert done.stderr.decode().splitlines() == ['evaluate: workers cannot be started: %s' % words]
+        assert done.returncode == 1
+
+    def test_an_interrupt_while_workers_start_is_not_lost(self) -> None:
+        child = 'import os, signal; os.kill(os.getpid(), signal.SIGINT); print("alive")'
+        before, said = signal.getsignal(signal.SIGINT), []
+
+        def start() -> None:
+            with workers._interrupts_later():
+                os.kill(os.getpid(), signal.SIGINT)
+                said.append(subprocess.check_output([sys.executable, '-c', child]))
+
+        with pytest.raises(KeyboardInterrupt):
+            start()
+        assert said == [b'alive\n'], 'what is started meanwhile does not get it'
+        assert signal.getsignal(signal.SIGINT) is before
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+    def test_workers_that_come_later_get_work(self) -> None:
+        client = Client()
+        todo = [tasks.Task(str(number)) for number in range(40)]
+        steps = workers.work_through(client, None, tasks.Job(()), todo)
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr('distributed.as_completed', Completed)
+            next(steps)
+            assert client.running == 2 * workers.IN_FLIGHT
+            client.workers = 1
+            next(steps)
+            assert client.running == 2 * workers.IN_FLIGHT - 1
+            client.workers = 5
+            assert len(list(steps)) == 38
+        assert client.most == 5 * workers.IN_FLIGHT
+
     def test_memory_does_not_grow_with_the_pictures(self, tmp_path: Path) -> None:
         program = (
             'import resource, sys; from obst_avoid.offline import evaluate; code = evaluate.main(sys.argv[1:]); '
@@ -508,6 +736,51 @@ class TestInParallel:
             call = [sys.executable, '-c', program, *files, '--output', str(tmp_path / str(count))]
             peaks.append(int(subprocess.check_output(call, timeout=LIMIT).split()[-1]) / 1024)
         assert peaks[1] - peaks[0] < 20, 'MB'
+
+
+class Future:
+    """A finished one of Dask's, as far as work_through knows them."""
+
+    def __init__(self, client: Client, key: str) -> None:
+        self.key, self._client = key, client
+
+    def cancelled(self) -> bool:
+        return False
+
+    def exception(self) -> None:
+        return None
+
+    def result(self) -> Any:
+        return {}
+
+    def release(self) -> None:
+        self._client.running -= 1
+
+
+class Client:
+    """Dask's, as far as work_through knows it."""
+
+    loop = None
+
+    def __init__(self) -> None:
+        self.workers, self.running, self.most = 2, 0, 0
+
+    def scheduler_info(self) -> Any:
+        return {'workers': dict.fromkeys(range(self.workers))}
+
+    def submit(self, *_: Any, key: str, pure: bool) -> Future:
+        self.running += 1
+        self.most = max(self.most, self.running)
+        return Future(self, key)
+
+
+class Completed(list):  # type: ignore[type-arg]
+    """Dask's as_completed: more may be added on the way."""
+
+    def __init__(self, loop: Any) -> None:
+        super().__init__()
+
+    add = list.append
 
 
 class Cluster:
@@ -592,6 +865,31 @@ class TestBags:
         assert evaluate.main([*call, str(bag)]) == 0, 'the folder is enough: the name says which bag'
         assert 'speed [m/s]' not in read(tmp_path / 'out')['runs'][0]['bands']
         assert read(tmp_path / 'out')['pictures'] == 1
+
+    def test_a_bag_that_breaks_names_all_pictures_that_were_not_seen(
+        self, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        path = bag / 'plain.bag'
+        with rosbag.Bag(str(path)) as content:
+            stamps = [nanoseconds(message) for _, message, _ in content.read_messages()]
+        names = ['%d_%09d.jpg' % (stamp // 10**9, stamp % 10**9) for stamp in stamps]
+        labels = ['--labels', written(tmp_path / 'l.json', coco({name: [] for name in names}))]
+        monkeypatch.setattr(work, 'messages', broken_after(work.messages, 5))
+        call = [*PAPER, *labels, '--jobs', '1', '--output', str(tmp_path / 'out'), str(path)]
+        assert evaluate.main(call) == 0
+        said = read(tmp_path / 'out')
+        assert said['pictures'] == 5
+        places = ['%s, %.3f s' % (path, stamp / 1e9) for stamp in stamps[5:]]
+        assert [item['path'] for item in said['broken']] == [str(path), *places]
+        whys = [item['why'] for item in said['broken']]
+        assert whys == ['is damaged', *['not reached: its recording cannot be read to the end'] * 7]
+
+    def test_a_bag_that_is_none_is_named_once(self, bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+        path = tmp_path / 'not.bag'
+        path.write_bytes(b'junk')
+        call = [*PAPER, '--jobs', '1', '--output', str(tmp_path / 'out'), str(path), str(bag / 'pictures')]
+        assert evaluate.main(call) == 0
+        assert 'evaluate: %s: cannot be read as a bag' % path in capsys.readouterr().err
 
     def test_without_labels(self, bag: Path, tmp_path: Path) -> None:
         broken = tmp_path / 'broken.bag'

@@ -224,6 +224,7 @@ def evaluation(runs: int = 2, pictures: int = 24, seed: int = 0) -> Dict[str, An
         'labels': 'labels.json',
         'pictures': 759,
         'broken': [{'path': 'a/broken.jpg', 'why': 'the picture is empty, expected JPEG bytes'}],
+        'broken_count': 1,
         'missing': ['lost.jpg', 'gone.jpg'],
         'missing_count': 2,
         'bad_entries': ['odd.jpg: kind horse'],
@@ -240,7 +241,9 @@ def nothing() -> Dict[str, Any]:
     for key in ('milliseconds', 'position', 'radius', 'side'):
         empty[key] = None
     content = evaluation(runs=1, pictures=0)
-    content.update(pictures=0, broken=[], missing=[], missing_count=0, bad_entries=[], bad_count=0, options={})
+    content.update(
+        pictures=0, broken=[], broken_count=0, missing=[], missing_count=0, bad_entries=[], bad_count=0, options={}
+    )
     content['runs'][0].update(
         groups={'all': empty},
         bands={},
@@ -431,9 +434,39 @@ class TestPage:
 
     def test_what_went_wrong_is_named(self, both: Tuple[Read, str]) -> None:
         text = both[0].text
-        assert '1 picture or bag could not be read, 2 labelled pictures have no detections' in text
+        assert '1 picture or bag could not be read. 2 labelled pictures have no detections' in text
         for name in ('a/broken.jpg: the picture is empty', 'lost.jpg', 'gone.jpg', 'odd.jpg: kind horse'):
             assert name in text
+
+    def test_only_what_went_wrong_is_said_and_all_of_it_is_counted(self, tmp_path: Path) -> None:
+        content = evaluation(1, 0)
+        content.update(broken_count=4321, missing=[], missing_count=0, bad_entries=[], bad_count=0)
+        read, _ = written(content, tmp_path)
+        assert '4321 pictures or bags could not be read.' in read.text
+        assert 'Could not be read (4321)' in read.text
+        assert 'no detections' not in read.text.split('Could not be read (')[0]
+        assert 'left out as wrong' not in read.text
+
+    def test_errors_by_kind(self, tmp_path: Path) -> None:
+        content = evaluation(2, 0)
+        first, second = (run['groups']['all'] for run in content['runs'])
+        first['side'].update(wrong_duckie=share(1, 10), wrong_cone=None)
+        second['side'].update(wrong_duckie=share(2, 10), wrong_cone=share(1, 1))
+        first['false_alarms_by_kind'] = {'duckie': 7, 'cone': 2}
+        second['false_alarms_indicative'].update(as_duckie=9, as_cone=1)
+        read, _ = written(content, tmp_path)
+        assert [cell.split('|')[0] for cell in read.row('wrong side, duckies')[:2]] == ['10.0 %', '20.0 %']
+        assert [cell.split('|')[0] for cell in read.row('wrong side, cones')[:2]] == ['-', '100.0 %']
+        assert read.row('false alarms called duckie') == ['7', '9|indicative', '+2', '']
+        assert read.row('false alarms called cone') == ['2', '1|indicative', '-1', '']
+
+    def test_what_is_the_same_is_plotted_once(self, tmp_path: Path) -> None:
+        content = evaluation(1, 0)
+        groups = content['runs'][0]['groups']
+        groups['split_block'] = groups['layout'] = groups['lighting']
+        read, _ = written(content, tmp_path)
+        assert [alt.split('.')[0] for _, alt in read.images if 'Recall by' in alt].count('Recall by lighting') == 1
+        assert not any('split_block' in alt or 'layout' in alt for _, alt in read.images)
 
     def test_long_lists_are_cut_and_say_so(self, tmp_path: Path) -> None:
         content = evaluation(1, 0)
@@ -510,6 +543,13 @@ class TestWorstPictures:
             'rosrun obst_avoid show_steps --vehicle v --output steps pictures/1511_000000042.jpg'
         )
 
+    def test_a_command_of_a_bag_of_several_robots(self, tmp_path: Path) -> None:
+        content = evaluation(1, 1)
+        content['options']['robot'] = 'duck1'
+        content['runs'][0]['worst'][0].update(path=None, in_bag={'path': '/drive.bag', 'stamp': 0})
+        read, _ = written(content, tmp_path)
+        assert 'bag_to_images --vehicle duck1 --output pictures /drive.bag' in read.commands[0]
+
     def test_a_picture_that_is_nowhere_is_still_named(self, tmp_path: Path) -> None:
         content = evaluation(1, 1)
         content['runs'][0]['worst'][0]['path'] = None
@@ -563,6 +603,8 @@ class TestWorstPictures:
         assert left_edge(paper, right) == cards.WHITE
         assert left_edge(paper, false) == cards.MAGENTA
         assert left_edge(paper, far) == cards.BLUE
+        wrong_side = marks['runs']['paper'][1]['bbox']
+        assert left_edge(paper, wrong_side) == cards.MAGENTA, 'as the legend says'
         assert left_edge(robust, false) == (0, 0, 0)
 
 
@@ -606,6 +648,37 @@ class TestPlots:
     def test_names_below_an_axis(self, value: str, wanted: str) -> None:
         assert plots._short(value) == wanted
 
+    @pytest.mark.parametrize('count', [4, 10, 100, 5000])
+    def test_bins_are_as_many_as_the_values_can_fill(self, count: int) -> None:
+        content = {'edges': list(range(61)), 'counts': np.bincount(np.arange(count) % 60, minlength=60).tolist()}
+        edges, counts = plots._merged(content, 60.0, count)
+        assert len(counts) == len(edges) - 1 <= min(np.ceil(np.sqrt(count)), plots.BINS)
+        assert sum(counts) == count
+        assert set(edges) <= set(content['edges'])
+        assert plots._merged(content, 7.0, count)[0][-1] >= 7
+        assert plots.histogram('Time', 'ms', [('a', content)]) is not None
+
+    @pytest.mark.parametrize(('low', 'high'), [(21.0, 49.0), (5.2, 5.7), (0.01, 60000.0), (3.0, 90.0), (12.0, 19.0)])
+    def test_an_axis_of_times_has_ticks(self, low: float, high: float) -> None:
+        ticks = plots.log_ticks(low, high)
+        assert len(ticks) >= 2
+        assert all(low - 0.01 <= tick <= high + 0.01 for tick in ticks)
+
+    def test_precision_begins_at_0(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        limits = []
+        plot = plots._plot
+
+        def looked_at(draw: Any, *words: str) -> plots.Plot:
+            def drawn(axes: Any) -> None:
+                draw(axes)
+                limits.append(axes.get_ylim())
+
+            return plot(drawn, *words)
+
+        monkeypatch.setattr(plots, '_plot', looked_at)
+        assert plots.precision_recall([{'name': 'a', 'curve': {'all': curve_of(0.9)}}]) is not None
+        assert limits == [(0, 1.02)]
+
     def test_a_histogram_in_words(self) -> None:
         content = {'edges': [0, 1, 2, 3], 'counts': [10, 60, 30]}
         plot = plots.histogram('Time', 'ms', [('a', content)])
@@ -648,6 +721,7 @@ def recordings_content(empty: bool, runs: int = 1, sheets: Tuple[str, ...] = ())
         'options': {'empty': empty, 'paths': ['one.bag', 'two']},
         'empty': empty,
         'broken': [{'path': '/data/bad.bag', 'why': 'it cannot be read as a bag'}],
+        'broken_count': 1,
         'runs': made,
     }
 
@@ -672,7 +746,7 @@ def sheets(tmp_path: Path) -> Tuple[str, ...]:
 class TestRecordingsPage:
     def test_of_nothing(self, tmp_path: Path) -> None:
         content = recordings_content(True)
-        content['broken'] = []
+        content.update(broken=[], broken_count=0)
         content['runs'][0]['figures'] = recordings.figures([], True)
         read, _ = written_recordings(content, tmp_path)
         assert '0 recordings with 0 pictures over 0.0 s were run through paper' in read.text

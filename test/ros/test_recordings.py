@@ -27,7 +27,7 @@ from obst_avoid.offline.evaluation import recordings
 from obst_avoid.offline.evaluation.recordings import Flicker, Odometry, Seen, Sighting
 from obst_avoid.offline.tool import ToolError
 from obst_avoid.ros import border
-from obst_avoid.viz.overlay import INSIDE
+from obst_avoid.viz.overlay import INSIDE, contact_sheet
 
 PERIOD = 100_000_000
 """[ns] between the pictures of the sequences made by hand."""
@@ -308,6 +308,10 @@ class TestSheets:
             sheets.take('a', picture, obstacle())
         sheets.close()
         assert (sheets.names, sheets.unshown) == (['a_001.jpg'], 2)
+
+    def test_a_name_that_the_font_does_not_have(self, picture: Any) -> None:
+        shown = [contact_sheet([(name, picture)]) for name in ('caf\udce9', 'caf\u00e9', 'caf?')]
+        assert (shown[0] == shown[2]).all() and (shown[1] == shown[2]).all()
 
     def test_a_folder_that_is_not_there(self, picture: Any, tmp_path: Path) -> None:
         sheets = recordings.Sheets(str(tmp_path / 'none'), 'a')

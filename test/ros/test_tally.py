@@ -98,6 +98,18 @@ def test_values_beyond_a_histogram_are_kept_at_its_ends() -> None:
     assert (filled[0], filled[-1], filled.sum()) == (2, 1, 3)
 
 
+def test_histograms_side_by_side_have_the_same_bins() -> None:
+    first, second = Counter(), Counter()  # type: ignore[var-annotated]
+    for value in (0.1, 0.15):
+        tally.count_value(first, 'position', value)
+    tally.count_value(second, 'position', 0.5)
+    written = [figures.written_histogram(a, 'position', [b]) for a, b in ((first, second), (second, first))]
+    assert written[0] is not None and written[1] is not None
+    assert written[0]['edges'] == written[1]['edges']
+    assert [sum(item['counts']) for item in written if item] == [2, 1]
+    assert figures.written_histogram(Counter(), 'position', [first]) is None
+
+
 def test_steps_of_a_hundredth_have_each_their_own_bin() -> None:
     assert [tally.HISTOGRAMS['confidence'].index(step / 100) for step in range(101)] == list(range(101))
 
@@ -165,6 +177,7 @@ def test_errors_of_place_radius_and_side() -> None:
     assert said['radius']['median_error'] == pytest.approx(-0.005, abs=0.0005)
     assert said['radius']['p95_abs'] == pytest.approx(0.005, abs=0.0005)
     assert said['side']['wrong']['k'] == said['side']['inside_called_outside'] == 1
+    assert (said['side']['wrong_duckie']['k'], said['side']['wrong_cone']) == (1, None)
     left = figures_of(
         [Label('duckie', BOX, x=0.5, y=0.0, in_lane=False)], [Found('duckie', BOX, 0.9, None, x=0.5, y=0.02)]
     )
@@ -193,6 +206,8 @@ def test_the_reports_own_table() -> None:
         'false_positives': (1, 3), 'false_positives_indicative': (1, 3), 'false_position': (1, 1),
     }  # fmt: skip
     assert figures_of(labels, found, complete=False)['report_table']['false_positives'] is None
+    assert figures_of(labels, found)['false_alarms_by_kind'] == {'duckie': 0, 'cone': 1}
+    assert figures_of(labels, found, complete=False)['false_alarms_by_kind'] is None
 
 
 def test_precision_and_recall_over_confidence() -> None:

@@ -31,7 +31,7 @@ from obst_avoid.offline.evaluation import (
     worst,
 )
 from obst_avoid.offline.pictures import read_picture
-from obst_avoid.offline.recording import JPEG, Recording, named_pictures, open_bag, open_folder
+from obst_avoid.offline.recording import JPEG, Recording, named_pictures, open_bag, open_folder, readable
 from obst_avoid.offline.tool import ToolError
 from obst_avoid.ros import border
 
@@ -41,6 +41,9 @@ SEQUENCE_RATE = 30.0
 MOST_NAMES = 100
 """Of missing pictures and bad entries in the numbers, and of broken ones on stderr."""
 BAG_ENDING = '.bag'
+HINT = 'PATHs stand before all options, or behind "--": --profile paper -- pictures/'
+"""An option that takes one or two values would take a PATH behind them for another value."""
+NOT_UTF8 = 'its name is not UTF-8, expected another one'
 
 
 def main(arguments: Any = None) -> int:
@@ -50,18 +53,22 @@ def main(arguments: Any = None) -> int:
         description='Compare labels with detections, those of files or of a run over PATHs; or, without labels, run '
         'over recordings and say how steady the detections are. Writes evaluation.json and evaluation.html. The same '
         'call again goes on where it was interrupted.',
+        epilog=HINT,
     )
     parser.add_argument('--labels', metavar='FILE', help='COCO labels; without: PATHs are only watched')
     parser.add_argument('--lanes', metavar='FILE', help='lane polygons (default: *_lanes.json, lane_polygons.json)')
     parser.add_argument('--detections', metavar='FILE', nargs='+', help='one or two files as detect_images writes them')
-    parser.add_argument('--profile', choices=PROFILES, nargs='+', help='one or two detectors to run')
+    profiles = '{%s}' % ','.join(PROFILES)
+    parser.add_argument('--profile', metavar=profiles, type=profile, nargs='+', help='one or two detectors to run')
     parser.add_argument('--calibration', metavar='DIR', default='', help='folder with camera_{intrinsic,extrinsic}/')
     parser.add_argument('--vehicle', metavar='NAME', default='', help='robot whose calibration is used')
     parser.add_argument(
         '--robot', metavar='NAME', default='', help='whose topics are read, if a bag has several robots'
     )
     parser.add_argument('--config', metavar='DIR', nargs='+', help='one or two folders of settings (default: our own)')
-    parser.add_argument('--min-confidence', metavar='C', type=_share, default=0.0, help='leave out what is less sure')
+    parser.add_argument(
+        '--min-confidence', metavar='C', type=confidence, default=0.0, help='leave out what is less sure'
+    )
     parser.add_argument('--sequence', action='store_true', help="a folder's pictures follow each other, 30 a second")
     parser.add_argument('--empty', action='store_true', help='nothing stands in the recordings: all found is false')
     parser.add_argument('--by', metavar='FIELD', nargs='+', help='of the labelled pictures, to group them by')
@@ -75,7 +82,15 @@ def main(arguments: Any = None) -> int:
     return tool.run(lambda options: _main(parser, options), parser, arguments)
 
 
-def _share(value: str) -> float:
+def profile(value: str) -> str:
+    """Argument type: one of PROFILES."""
+    if value not in PROFILES:
+        words = (value, ' or '.join(PROFILES), HINT)
+        raise argparse.ArgumentTypeError('%s is no profile, expected %s; %s' % words)
+    return value
+
+
+def confidence(value: str) -> float:
     """Argument type: 0 to 1."""
     number = float(value)
     if not 0 <= number <= 1:
@@ -88,6 +103,9 @@ def _main(parser: argparse.ArgumentParser, options: Namespace) -> int:
     if wrong:
         parser.error(wrong)
     figures.binomial_test()
+    for path in _named(options):
+        if readable(path) != path:
+            raise ToolError('%s: %s' % (readable(path), NOT_UTF8))
     for path in options.paths:
         if not os.path.exists(path):
             raise ToolError('%s does not exist, expected a picture, a folder of pictures or a bag' % path)
@@ -100,22 +118,28 @@ def _wrong_use(options: Namespace) -> str:
     """What is wrong with the call, '' when nothing is."""
     for name in ('detections', 'profile', 'config'):
         if len(getattr(options, name) or []) > 2:
-            return '--%s: expected one or two' % name
+            return '--%s: expected one or two; %s' % (name, HINT)
     if options.jobs and options.scheduler:
         return '--jobs is for this machine, a scheduler has its own workers: expected one of them'
     if not options.labels:
         for name in ('detections', 'lanes', 'by', 'min_confidence'):
             if getattr(options, name):
                 return '--%s needs --labels' % name.replace('_', '-')
-        return '' if options.paths else 'nothing to evaluate, expected --labels, or recordings as PATH'
+        return '' if options.paths else 'nothing to evaluate, expected --labels, or recordings as PATH; %s' % HINT
     if options.empty:
         return '--empty is for recordings without labels, expected it without --labels'
     if not options.detections:
-        return '' if options.paths else '--labels needs --detections, or PATHs to run over'
+        return '' if options.paths else '--labels needs --detections, or PATHs to run over; %s' % HINT
     for name in ('profile', 'config', 'calibration', 'vehicle', 'sequence'):
         if getattr(options, name):
             return '--%s is for a run, --detections are results already: expected one of them' % name
     return ''
+
+
+def _named(options: Namespace) -> List[str]:
+    """All files and folders of the call."""
+    single = [options.labels, options.lanes, options.calibration, options.output]
+    return [path for path in single if path] + (options.detections or []) + (options.config or []) + options.paths
 
 
 # What is compared
@@ -282,10 +306,13 @@ def _sources(
         files, bags = _contained(full)
         sequence = options.sequence and os.path.isdir(full)
         for number, file in enumerate(files):
+            if readable(file) != file:
+                broken.add(readable(file), NOT_UTF8)
+                continue
             yield file, labels.Source(file, full, number) if sequence else labels.Source(file)
         for bag in bags:
             with _kept_if_broken(bag, broken):
-                yield from _bag_sources(bag, open_bag(bag, options.robot))
+                yield from _bag_sources(bag, _recording(options, bag))
 
 
 @contextlib.contextmanager
@@ -294,7 +321,7 @@ def _kept_if_broken(path: str, broken: tasks.Broken) -> Iterator[None]:
     try:
         yield
     except ToolError as error:
-        broken.add(path, str(error))
+        broken.add(readable(path), str(error))
 
 
 def _contained(path: str) -> Tuple[List[str], List[str]]:
@@ -315,8 +342,10 @@ def _bag_sources(path: str, recording: Recording) -> Iterator[Tuple[str, labels.
 
 
 def _recording(options: Namespace, path: str) -> Recording:
-    """A folder or a bag. Raises ToolError."""
-    if os.path.isdir(path):
+    """A folder, one picture, or a bag. Raises ToolError."""
+    if readable(path) != path:
+        raise ToolError(NOT_UTF8)
+    if os.path.isdir(path) or not path.endswith(BAG_ENDING):
         return open_folder(path, SEQUENCE_RATE)
     return open_bag(path, options.robot)
 
@@ -325,9 +354,7 @@ def _nothing(broken: tasks.Broken, words: str) -> str:
     """The sentence for an evaluation of nothing."""
     if not broken.count:
         return words
-    first = broken.entries[0]
-    why = first['why'] if first['path'] in first['why'] else '%s: %s' % (first['path'], first['why'])
-    return '%s, %d could not be read, as of %s' % (words, broken.count, why)
+    return '%s, %d could not be read, as of %s: %s' % (words, broken.count, *broken.entries[0].values())
 
 
 # Without labels
@@ -343,7 +370,7 @@ def _without_labels(options: Namespace, runs: Sequence[tasks.Run], store: sqlite
         files, bags = _contained(os.path.abspath(path))
         for one in [*([os.path.abspath(path)] if files else []), *bags]:
             with _kept_if_broken(one, total.broken):
-                found.append(open_bag(one, options.robot) if one in bags else open_folder(one, SEQUENCE_RATE))
+                found.append(_recording(options, one))
     if not found and not total.broken.count:
         raise ToolError('no pictures and no bags in %s' % ', '.join(options.paths))
     pictures = sum(recording.pictures for recording in found) * len(runs)
@@ -501,6 +528,7 @@ def _content(options: Namespace, total: work.Total, missing: _Missing, bad: Tupl
 def _run_content(total: work.Total, number: int) -> Dict[str, Any]:
     groups, bands = total.groups[number], total.bands[number]
     everything = groups['all']['all']
+    others = [kept['all']['all'] for kept in total.groups if kept is not groups]
     words = {
         name: {value: figures.figures(values[value]) for value in _ordered(name, values)}
         for name, values in sorted(groups.items())
@@ -518,8 +546,8 @@ def _run_content(total: work.Total, number: int) -> Dict[str, Any]:
             if band.name in bands
         },
         **figures.curves(everything),
-        'position_histogram': figures.written_histogram(everything, 'position'),
-        'milliseconds_histogram': figures.written_histogram(everything, 'milliseconds'),
+        'position_histogram': figures.written_histogram(everything, 'position', others),
+        'milliseconds_histogram': figures.written_histogram(everything, 'milliseconds', others),
         'worst': worst.choose_worst(total.worst[number], total.job.worst),
     }
 

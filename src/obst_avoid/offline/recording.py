@@ -104,6 +104,11 @@ def open_folder(path: str, rate: float) -> Recording:
     return Recording(path, {JPEG: ''}, len(files), tuple(files), rate)
 
 
+def readable(name: str) -> str:
+    """A file's name as text that can be written anywhere: another one when the name is not UTF-8."""
+    return os.fsencode(name).decode('utf-8', 'replace')
+
+
 def robot_of(recording: Recording) -> str:
     """Name of the robot that recorded a bag."""
     return recording.topics[recording.picture_role].strip('/').split('/')[0]
@@ -122,7 +127,7 @@ def named_pictures(recording: Recording) -> Iterator[Tuple[int, str, Recorded]]:
 
 
 def messages(recording: Recording, motion: bool = False) -> Iterator[Recorded]:
-    """All messages in time order. A file that is no picture is passed on empty: its reader complains.
+    """All messages in time order. A file that is no readable picture is passed on empty: its reader complains.
 
     motion: also those that say how the robot moved.
     """
@@ -131,9 +136,10 @@ def messages(recording: Recording, motion: bool = False) -> Iterator[Recorded]:
             stamp = stamp_of_frame(index, recording.rate)
             try:
                 jpeg = read_jpeg(path)
-            except PictureError:
+            except (PictureError, OSError):
                 jpeg = b''
-            yield Recorded(JPEG, stamp, border.compressed_image_from_jpeg(jpeg, stamp, os.path.basename(path)))
+            name = readable(os.path.basename(path))
+            yield Recorded(JPEG, stamp, border.compressed_image_from_jpeg(jpeg, stamp, name))
         return
     roles = {name: role for role, name in recording.topics.items() if role != RAW or recording.picture_role == RAW}
     if motion:

@@ -49,6 +49,7 @@ def draw_on_bird_view(bird: Array, obstacles: Sequence[Obstacle]) -> Array:
 
 def label(picture: Array, words: str, at: Tuple[float, float], color: Tuple[int, int, int], size: float) -> None:
     """Write words above a point, in place, on a filled ground so that they stay legible, inside the picture."""
+    words = _in_letters(words)
     (width, height), base = cv2.getTextSize(words, FONT, size, 1)
     left = int(min(max(at[0], 0), max(picture.shape[1] - width - 4, 0)))
     bottom = int(min(max(at[1] - 2, height + base + 2), picture.shape[0] - 2))
@@ -80,7 +81,7 @@ def contact_sheet(panels: Sequence[Tuple[str, Array]], columns: int = 4, width: 
         shrinks = width < color.shape[1]
         cell = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
         cell = cv2.copyMakeBorder(cell, 20, 4, 2, 2, cv2.BORDER_CONSTANT, value=SHADE)
-        cv2.putText(cell, title, (4, 14), FONT, 0.42, TEXT, 1, cv2.LINE_AA)
+        cv2.putText(cell, _in_letters(title), (4, 14), FONT, 0.42, TEXT, 1, cv2.LINE_AA)
         cells.append(cell)
     columns = min(columns, len(cells))
     rows = []
@@ -94,6 +95,11 @@ def contact_sheet(panels: Sequence[Tuple[str, Array]], columns: int = 4, width: 
         rows.append(np.hstack(padded))
     sheet: Array = np.vstack(rows)
     return sheet
+
+
+def _in_letters(words: str) -> str:
+    """With a ? for what the font does not have; a file name that is not UTF-8 would end the process."""
+    return words.encode('ascii', 'replace').decode()
 
 
 def _unit(picture: Array) -> float:

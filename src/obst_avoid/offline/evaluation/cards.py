@@ -30,10 +30,11 @@ LABEL_COLORS = {'hit': GREEN, 'missed': RED, 'ignored': GREY}
 class Cards:
     """Makes annotated pictures that together stay within a budget."""
 
-    def __init__(self, picture_of: Callable[[Dict[str, Any]], Optional[Array]], budget: int) -> None:
-        """budget: [characters] for each panel."""
+    def __init__(self, picture_of: Callable[[Dict[str, Any]], Optional[Array]], budget: int, robot: str = '') -> None:
+        """budget: [characters] for each panel. robot: whose pictures of a bag these are, when it has several."""
         self._picture_of = picture_of
         self._budget = budget
+        self._robot = robot
 
     def of(self, picture: Dict[str, Any], names: Sequence[str], run: Content) -> Dict[str, Any]:
         """What the page shows of one picture. names: of the runs, a panel each. run: whose command is shown."""
@@ -49,7 +50,7 @@ class Cards:
             'why': picture['why'],
             'panels': panels,
             'absent': 'Picture not found.' if found is None else 'Left out, so that the page stays small.',
-            'command': command_of(picture, run.get('arguments') or []),
+            'command': command_of(picture, run.get('arguments') or [], self._robot),
         }
 
     def _fitting(self, drawn: Array) -> str:
@@ -91,7 +92,7 @@ def annotated(picture: Array, marks: Content, run: str) -> Array:
             words.append((item['why'], at, color))
     for item in marks['runs'].get(run, ()):
         state = item['state']
-        color = MAGENTA if state == 'fa' else WHITE if state == 'hit' else BLUE
+        color = MAGENTA if state == 'fa' or item.get('side_wrong') else WHITE if state == 'hit' else BLUE
         at = _rectangle(drawn, item['bbox'], scale, color, 2 if state == 'fa' else 1)
         if state == 'fa':
             words.append(('%s %.2f' % (item['kind'], item['confidence']), at, color))
@@ -113,12 +114,16 @@ def _rectangle(
     return left, top
 
 
-def command_of(picture: Content, arguments: Sequence[str]) -> str:
-    """The call that shows every step of the detector on this picture alone, to be pasted into a shell."""
+def command_of(picture: Content, arguments: Sequence[str], robot: str = '') -> str:
+    """The call that shows every step of the detector on this picture alone, to be pasted into a shell.
+
+    robot: whose pictures are taken of a bag; '' when it has only one.
+    """
     show = ['rosrun', 'obst_avoid', 'show_steps', *arguments, '--output', 'steps']
     bag = picture.get('in_bag')
     if bag:
-        unpack = ['rosrun', 'obst_avoid', 'bag_to_images', '--output', 'pictures', bag['path']]
+        whose = ['--vehicle', robot] if robot else []
+        unpack = ['rosrun', 'obst_avoid', 'bag_to_images', *whose, '--output', 'pictures', bag['path']]
         one = os.path.join('pictures', os.path.basename(picture['name']))
         return '%s &&\n%s' % (_shell(unpack), _shell([*show, one]))
     return _shell([*show, picture.get('path') or picture['name']])

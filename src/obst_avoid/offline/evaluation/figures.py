@@ -1,7 +1,7 @@
 """Numbers from tallies, ready for JSON. Names and rounding of what the scorer also says are the scorer's."""
 
 import functools
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -71,6 +71,9 @@ def figures(tally: Mapping[str, int]) -> Figures:
             **{'as_' + kind: t['false/as/' + kind] for kind in KINDS},
             'frames_with_any': share(t['pictures/any'], t['pictures']),
         },
+        'false_alarms_by_kind': {kind: t['false/counts/as/' + kind] for kind in KINDS}
+        if t['pictures/judged']
+        else None,
         'precision': precision if complete else None,
         'precision_indicative': precision,
         'other_detections': {state: t['state/' + state] for state in (IGNORED, DUPLICATE, LOOSE, FAR)},
@@ -113,7 +116,7 @@ def report_table(tally: Mapping[str, int]) -> Figures:
     false_positives: in those alone whose labels are complete enough to tell.
     """
     t = _Reader(tally)
-    hits, wrong, known = t.sum('hit/%s'), _wrong_side(t), _side_known(t)
+    hits, wrong, known = t.sum('hit/%s'), _wrong_side(t, KINDS), _side_known(t, KINDS)
     hits_judged = sum(_hits(tally, 'complete', kind) for kind in KINDS)
     false_judged = sum(_all(tally, 'confidence/complete/false/' + kind) for kind in KINDS)
     return {
@@ -134,12 +137,17 @@ def milliseconds(tally: Mapping[str, int]) -> Optional[Figures]:
     return None if median is None or p95 is None else {'median': round(median, 2), 'p95': round(p95, 2)}
 
 
-def written_histogram(tally: Mapping[str, int], name: str) -> Optional[Figures]:
-    """A histogram with few bins, from the first to the last that has something; None of nothing."""
+def written_histogram(
+    tally: Mapping[str, int], name: str, beside: Sequence[Mapping[str, int]] = ()
+) -> Optional[Figures]:
+    """A histogram with few bins, from the first to the last that has something; None of nothing.
+
+    beside: other tallies that it is compared with; all get the same bins.
+    """
     counts, edges = histogram(tally, name), HISTOGRAMS[name].edges()
-    filled = np.flatnonzero(counts)
-    if not len(filled):
+    if not counts.any():
         return None
+    filled = np.flatnonzero(sum((histogram(other, name) for other in beside), counts))
     first, last = int(filled[0]), int(filled[-1]) + 1
     step = -(-(last - first) // HISTOGRAM_POINTS)
     starts = list(range(first, last, step))
@@ -250,23 +258,25 @@ def _radius(tally: Mapping[str, int]) -> Optional[Figures]:
 
 def _side(t: _Reader) -> Optional[Figures]:
     """Inside or outside our lane, of things found whose side is known."""
-    known = _side_known(t)
+    known = _side_known(t, KINDS)
     if not known:
         return None
     return {
-        'wrong': share(_wrong_side(t), known),
-        'unknown': share(t['side/True/None'] + t['side/False/None'], known),
-        'inside_called_outside': t['side/True/False'],
-        'outside_called_inside': t['side/False/True'],
+        'wrong': share(_wrong_side(t, KINDS), known),
+        **{'wrong_' + kind: share(_wrong_side(t, [kind]), _side_known(t, [kind])) for kind in KINDS},
+        'unknown': share(t.sum('side/%s/True/None') + t.sum('side/%s/False/None'), known),
+        'inside_called_outside': t.sum('side/%s/True/False'),
+        'outside_called_inside': t.sum('side/%s/False/True'),
     }
 
 
-def _wrong_side(t: _Reader) -> int:
-    return t['side/True/False'] + t['side/False/True']
+def _wrong_side(t: _Reader, kinds: Sequence[str]) -> int:
+    return sum(t['side/%s/True/False' % kind] + t['side/%s/False/True' % kind] for kind in kinds)
 
 
-def _side_known(t: _Reader) -> int:
-    return sum(t['side/%s/%s' % (true, found)] for true in (True, False) for found in (True, False, None))
+def _side_known(t: _Reader, kinds: Sequence[str]) -> int:
+    sides = [(true, found) for true in (True, False) for found in (True, False, None)]
+    return sum(t['side/%s/%s/%s' % (kind, true, found)] for kind in kinds for true, found in sides)
 
 
 def _hits(tally: Mapping[str, int], part: str, kind: str) -> int:

@@ -5,21 +5,23 @@ The index is a private SQLite file that goes away with its connection: memory do
 
 import itertools
 import json
-import math
 import os
 import sqlite3
+import sys
 from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import ijson
 
 from obst_avoid.offline.evaluation.matching import KINDS, Found, Label, Polygon, Rectangle
+from obst_avoid.offline.evaluation.tally import BLUR_FIELD, SPEED_FIELD
 from obst_avoid.offline.tool import ToolError
 
 Index = sqlite3.Connection
 
 TABLES = """
-CREATE TABLE picture (number INTEGER PRIMARY KEY, id TEXT UNIQUE, name TEXT UNIQUE, entry TEXT, source TEXT);
+CREATE TABLE picture (number INTEGER PRIMARY KEY, id TEXT UNIQUE, name TEXT UNIQUE, base TEXT, stem TEXT, entry TEXT,
+  source TEXT);
 CREATE TABLE label (picture TEXT, entry TEXT);
 CREATE TABLE lanes (name TEXT, stem TEXT, polygons TEXT);
 CREATE TABLE detections (run INTEGER, name TEXT, base TEXT, stem TEXT, width, height, milliseconds, obstacles TEXT,
@@ -28,6 +30,8 @@ CREATE TABLE source (path TEXT UNIQUE, base TEXT, stem TEXT, entry TEXT);
 CREATE TABLE bad (sentence TEXT);
 """
 INDICES = """
+CREATE INDEX picture_by_base ON picture (base);
+CREATE INDEX picture_by_stem ON picture (stem);
 CREATE INDEX label_of_picture ON label (picture);
 CREATE INDEX lanes_by_name ON lanes (name);
 CREATE INDEX lanes_by_stem ON lanes (stem);
@@ -36,6 +40,11 @@ CREATE INDEX detections_by_base ON detections (run, base);
 """
 MOST_VALUES = 200
 """Of a field by which pictures are grouped: more make no table, and memory would grow with them."""
+FARTHEST = 1000.0
+"""[m] what is so far away, or so large, is a slip of whoever wrote it."""
+FLAGS = (None, True, False)
+"""What may stand where a yes or no is expected; 0 and 1 are equal to the last two."""
+BOM = b'\xef\xbb\xbf'
 
 
 @dataclass(frozen=True)
@@ -100,10 +109,13 @@ def add_labels(index: Index, path: str) -> int:
     if not set(categories.values()) & set(KINDS):
         known = ', '.join(categories.values()) or 'none'
         raise ToolError('%s has no category duckie or cone, expected COCO labels of them, found: %s' % (path, known))
-    pictures = _insert(index, 'picture (id, name, entry) VALUES (?, ?, ?)', _picture_rows(path), path)
+    into = 'picture (id, name, base, stem, entry) VALUES (?, ?, ?, ?, ?)'
+    pictures = _insert(index, into, _picture_rows(path), path)
     if not pictures:
         raise ToolError('%s has no images, expected COCO labels' % path)
-    _insert(index, 'label VALUES (?, ?)', _label_rows(path, categories), path)
+    sentences: List[str] = []
+    if not _insert(index, 'label VALUES (?, ?)', _label_rows(path, categories, sentences), path, sentences):
+        _expect(path, 'annotations', 'start_array', 'has no list of annotations, expected one, empty or not')
     lost = 'SELECT count(*), min(picture) FROM label WHERE picture NOT IN (SELECT id FROM picture)'
     number, example = index.execute(lost).fetchone()
     if number:
@@ -113,7 +125,8 @@ def add_labels(index: Index, path: str) -> int:
 
 def add_lanes(index: Index, path: str) -> None:
     """Read lane polygons. Raises ToolError, OSError."""
-    _insert(index, 'lanes VALUES (?, ?, ?)', _lane_rows(path), path)
+    if not _insert(index, 'lanes VALUES (?, ?, ?)', _lane_rows(path), path):
+        _expect(path, '', 'start_map', 'has no lane polygons, expected a mapping from file names to them')
 
 
 def add_detections(index: Index, path: str, run: int) -> None:
@@ -129,9 +142,7 @@ def add_detections(index: Index, path: str, run: int) -> None:
             sentences.append(
                 '%s: %d pictures are twice in it, the later one counts' % (path, len(chunk) - after + before)
             )
-        for sentence in sentences:
-            add_bad(index, sentence)
-        sentences.clear()
+        _keep_bad(index, sentences)
     if not index.execute('SELECT count(*) FROM detections WHERE run = ?', (run,)).fetchone()[0]:
         raise ToolError('%s has no images, expected a detections file as detect_images writes it' % path)
 
@@ -240,21 +251,38 @@ def found_from(entry: Any) -> Optional[Found]:
     if not isinstance(entry, dict) or entry.get('kind') not in KINDS:
         return None
     box, confidence, in_lane = _rectangle(entry.get('bbox')), entry.get('confidence', 1.0), entry.get('in_lane')
-    if box is None or not _finite(confidence) or in_lane not in (True, False, None):
+    if box is None or not _finite(confidence) or not 0 <= confidence <= 1 or in_lane not in FLAGS:
         return None
-    x, y, radius = (_number_or_none(entry.get(name)) for name in ('x', 'y', 'radius'))
+    x, y, radius = entry.get('x'), entry.get('y'), entry.get('radius')
+    if not all(value is None or _in_metres(value) for value in (x, y, radius)):
+        return None
     return Found(entry['kind'], box, float(confidence), None if in_lane is None else bool(in_lane), x, y, radius)
 
 
-def _insert(index: Index, words: str, rows: Iterable[Tuple[Any, ...]], path: str) -> int:
+def _insert(
+    index: Index, words: str, rows: Iterator[Tuple[Any, ...]], path: str, sentences: Optional[List[str]] = None
+) -> int:
+    """How many rows there were. sentences: what the rows say of bad entries on the way."""
+    count = 0
     try:
-        return index.executemany('INSERT INTO ' + words, rows).rowcount
+        for chunk in iter(lambda: list(itertools.islice(rows, 1000)), []):
+            count += index.executemany('INSERT INTO ' + words, chunk).rowcount
+            _keep_bad(index, sentences or [])
+        _keep_bad(index, sentences or [])
+        return count
     except sqlite3.IntegrityError as error:
         what = 'file_name' if 'name' in str(error) else 'id'
         raise ToolError('%s has two images of one %s, expected each once' % (path, what)) from error
 
 
-def _picture_rows(path: str) -> Iterator[Tuple[str, str, str]]:
+def _keep_bad(index: Index, sentences: List[str]) -> None:
+    """Keep and forget: the list does not grow."""
+    for sentence in sentences:
+        add_bad(index, sentence)
+    sentences.clear()
+
+
+def _picture_rows(path: str) -> Iterator[Tuple[str, str, str, str, str]]:
     for number, item in enumerate(_items(path, 'images.item')):
         if not isinstance(item, dict) or not isinstance(item.get('file_name'), str) or 'id' not in item:
             raise ToolError('%s: image %d is %s, expected id and file_name' % (path, number + 1, _short(item)))
@@ -262,10 +290,14 @@ def _picture_rows(path: str) -> Iterator[Tuple[str, str, str]]:
             if not _finite(item.get(name)) or item[name] <= 0:
                 words = (path, item['file_name'], name, _short(item.get(name)))
                 raise ToolError('%s: %s has %s %s, expected a number of pixels' % words)
-        yield _id(item['id']), item['file_name'], json.dumps(item)
+        for name in (SPEED_FIELD, BLUR_FIELD):
+            if item.get(name) is not None and not _finite(item[name]):
+                words = (path, item['file_name'], name, _short(item[name]))
+                raise ToolError('%s: %s has %s %s, expected a finite number' % words)
+        yield (_id(item['id']), item['file_name'], *_names(item['file_name']), json.dumps(item))
 
 
-def _label_rows(path: str, categories: Mapping[str, str]) -> Iterator[Tuple[str, str]]:
+def _label_rows(path: str, categories: Mapping[str, str], sentences: List[str]) -> Iterator[Tuple[str, str]]:
     for number, item in enumerate(_items(path, 'annotations.item')):
         if not isinstance(item, dict):
             raise ToolError('%s: annotation %d is %s, expected a mapping' % (path, number + 1, _short(item)))
@@ -280,10 +312,18 @@ def _label_rows(path: str, categories: Mapping[str, str]) -> Iterator[Tuple[str,
             )
         if _rectangle(item.get('bbox')) is None:
             expected = 'expected [left, top, width, height], finite, width and height > 0'
-            raise ToolError('%s has bbox %s, %s' % (where, _short(item.get('bbox')), expected))
+            sentence = '%s has bbox %s, %s' % (where, _short(item.get('bbox')), expected)
+            if category in KINDS:
+                raise ToolError(sentence)
+            sentences.append(sentence)  # of a sign or the like: little depends on it
+            continue
         for name in ('x', 'y', 'radius'):
-            if item.get(name) is not None and not _finite(item[name]):
-                raise ToolError('%s has %s %s, expected a finite number (m)' % (where, name, _short(item[name])))
+            if item.get(name) is not None and not _in_metres(item[name]):
+                words = (where, name, _short(item[name]), FARTHEST)
+                raise ToolError('%s has %s %s, expected a number below %g (m)' % words)
+        for name in ('iscrowd', 'riding', 'in_lane'):
+            if item.get(name) not in FLAGS:
+                raise ToolError('%s has %s %s, expected true or false' % (where, name, _short(item[name])))
         marks = (bool(item.get('iscrowd')), bool(item.get('riding')))
         metres = (item.get(name) for name in ('x', 'y', 'radius'))
         in_lane = item.get('in_lane')
@@ -330,12 +370,23 @@ def _items(path: str, prefix: str) -> Iterator[Any]:
     return _read(path, lambda file: ijson.items(file, prefix, use_float=True))
 
 
+def _expect(path: str, place: str, event: str, otherwise: str) -> None:
+    """Raise ToolError when something else than what such an event begins is there, or nothing."""
+    events = _read(path, lambda file: ijson.parse(file, use_float=True))
+    if next((found for prefix, found, _ in events if prefix == place), None) != event:
+        raise ToolError('%s %s' % (path, otherwise))
+
+
 def _read(path: str, parse: Any) -> Iterator[Any]:
+    """What is parsed of a file, with or without a byte order mark."""
     with open(path, 'rb') as file:
+        if file.read(len(BOM)) != BOM:
+            file.seek(0)
         try:
             yield from parse(file)
-        except (ijson.JSONError, UnicodeDecodeError, ValueError) as error:
-            raise ToolError('%s is not JSON: %s' % (path, ' '.join(str(error).split())[:200])) from error
+        except (ijson.JSONError, UnicodeError, ValueError) as error:
+            words = (str(error).strip().splitlines() or ['nothing in it'])[0][:200].rstrip('. ')
+            raise ToolError('%s is not JSON (%s), expected UTF-8 JSON without NaN' % (path, words)) from error
 
 
 def _source_of(index: Index, name: str) -> Optional[str]:
@@ -349,13 +400,8 @@ def _source_of(index: Index, name: str) -> Optional[str]:
 
 
 def _detected(index: Index, run: int, name: str, fields: Mapping[str, Any]) -> Optional[Detected]:
-    columns = 'SELECT width, height, milliseconds, obstacles FROM detections WHERE run = ? AND '
-    base, stem = _names(name)
-    for where, value in (('name = ?', name), ('base = ?', base), ('stem = ?', stem)):
-        row = index.execute(columns + where + ' ORDER BY rowid DESC', (run, value)).fetchone()
-        if row:
-            break
-    else:
+    row = _row_of(index, run, name)
+    if row is None:
         return None
     width, height, milliseconds, obstacles = row
     if (width, height) != (fields['width'], fields['height']):
@@ -363,6 +409,25 @@ def _detected(index: Index, run: int, name: str, fields: Mapping[str, Any]) -> O
         add_bad(index, '%s: size %gx%g, labels %gx%g' % sizes)
     found = (Found(kind, tuple(box), *rest) for kind, box, *rest in json.loads(obstacles))
     return Detected(tuple(found), milliseconds)
+
+
+def _row_of(index: Index, run: int, name: str) -> Optional[Tuple[Any, ...]]:
+    """A labelled picture's row of a detections file: of its own name, else of its base name, else of its stem.
+
+    No row is taken twice: one of another label's own name stays that one's, and of a base name or stem that several
+    labels or several rows share none is taken.
+    """
+    columns = 'SELECT width, height, milliseconds, obstacles FROM detections WHERE run = ? AND '
+    row: Optional[Tuple[Any, ...]] = index.execute(columns + 'name = ?', (run, name)).fetchone()
+    if row:
+        return row
+    free = ' AND NOT EXISTS (SELECT 1 FROM picture WHERE picture.name = detections.name) LIMIT 2'
+    for part, value in zip(('base', 'stem'), _names(name)):
+        rows = index.execute(columns + part + ' = ?' + free, (run, value)).fetchall()
+        if rows:
+            sharing = index.execute('SELECT count(*) FROM picture WHERE %s = ?' % part, (value,)).fetchone()[0]
+            return rows[0] if len(rows) == sharing == 1 else None
+    return None
 
 
 def _polygons(index: Index, name: str) -> Optional[Tuple[Polygon, ...]]:
@@ -394,7 +459,11 @@ def _rectangle(value: Any) -> Optional[Rectangle]:
 
 
 def _finite(value: Any) -> bool:
-    return type(value) in (int, float) and math.isfinite(value)
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max
+
+
+def _in_metres(value: Any) -> bool:
+    return _finite(value) and abs(value) < FARTHEST
 
 
 def _number_or_none(value: Any) -> Optional[float]:

@@ -8,6 +8,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tupl
 from obst_avoid.core.types import Array
 from obst_avoid.offline.evaluation import plots
 from obst_avoid.offline.evaluation.cards import Cards
+from obst_avoid.offline.evaluation.matching import KINDS
 from obst_avoid.offline.evaluation.parts import (
     Cell,
     Content,
@@ -63,6 +64,8 @@ HEADLINES: Tuple[Tuple[str, Tuple[str, ...], int], ...] = (
     ('precision', ('precision',), 1),
     ('precision, indicative', ('precision_indicative',), 1),
     ('wrong side of the line', ('side', 'wrong'), -1),
+    ('wrong side, duckies', ('side', 'wrong_duckie'), -1),
+    ('wrong side, cones', ('side', 'wrong_cone'), -1),
     ('side not known', ('side', 'unknown'), -1),
 )
 """Shares: words, where in the figures, and whether more is better (1) or worse (-1)."""
@@ -78,7 +81,7 @@ def write_page(content: Content, path: str, picture_of: Callable[[Dict[str, Any]
     comparison = content.get('comparison')
     shown = [picture for run in runs for picture in run['worst']]
     shown += [picture for picture in (comparison or {}).get('pictures', ()) for _ in picture['runs']]
-    cards = Cards(picture_of, PICTURES_BUDGET // max(len(shown), 1))
+    cards = Cards(picture_of, PICTURES_BUDGET // max(len(shown), 1), content['options'].get('robot') or '')
     words = {
         'title': 'Detections against labels',
         'lead': _lead(content),
@@ -106,6 +109,7 @@ def write_page(content: Content, path: str, picture_of: Callable[[Dict[str, Any]
 
 
 def _lead(content: Content) -> List[str]:
+    """What was evaluated, and what was not."""
     runs = content['runs']
     objects = runs[0]['groups']['all'].get('relevant_gt', 0)
     what = ', and beside it with '.join('%s (%s)' % (run['name'], run['what']) for run in runs)
@@ -116,21 +120,29 @@ def _lead(content: Content) -> List[str]:
         what,
         content.get('labels') or 'none',
     )
-    broken, missing, bad = len(content['broken']), content['missing_count'], content['bad_count']
-    if not (broken or missing or bad):
-        return [first, 'Every picture could be read, and every labelled picture has its detections.']
-    second = '%s could not be read, %s no detections (%s), and %s left out as wrong.' % (
-        counted(broken, 'picture or bag') if broken == 1 else '%d pictures or bags' % broken,
-        '1 labelled picture has' if missing == 1 else '%d labelled pictures have' % missing,
-        'counted as nothing found' if content['options'].get('detections') else 'not in the PATHs, left out',
-        '1 entry of the detections was' if bad == 1 else '%d entries of the detections were' % bad,
-    )
-    return [first, second]
+    broken, missing, bad = (content[name + '_count'] for name in ('broken', 'missing', 'bad'))
+    sentences = []
+    if broken:
+        words = '1 picture or bag' if broken == 1 else '%d pictures or bags' % broken
+        sentences.append('%s could not be read.' % words)
+    if missing:
+        words = '1 labelled picture has' if missing == 1 else '%d labelled pictures have' % missing
+        files = content['options'].get('detections')
+        what = 'counted as nothing found' if files else 'not in the PATHs, left out'
+        sentences.append('%s no detections (%s).' % (words, what))
+    if bad:
+        sentences.append('%s left out as wrong.' % ('1 entry was' if bad == 1 else '%d entries were' % bad))
+    everything = 'Every picture could be read, and every labelled picture has its detections.'
+    return [first, ' '.join(sentences) or everything]
 
 
 def _troubles(content: Content) -> List[Trouble]:
     return [
-        trouble('Could not be read', ['%s: %s' % (item['path'], item['why']) for item in content['broken']]),
+        trouble(
+            'Could not be read',
+            ['%s: %s' % (item['path'], item['why']) for item in content['broken']],
+            content['broken_count'],
+        ),
         trouble('Labelled, without detections', content['missing'], content['missing_count']),
         trouble('Entries left out', content['bad_entries'], content['bad_count']),
     ]
@@ -172,6 +184,11 @@ def headline(runs: Sequence[Content]) -> Table:
             cells = [number(value, '%.3f', small) for value, small in alarms]
             difference = difference_of_values([value for value, _ in alarms], '%.3f')
             rows.append([Cell('false alarms a picture'), *cells, *difference])
+            for kind in KINDS:
+                numbers = [_false_alarms_called(item, kind) for item in figures]
+                cells = [number(value, '%d', small) for value, small in numbers]
+                difference = difference_of_values([value for value, _ in numbers], '%.0f')
+                rows.append([Cell('false alarms called %s' % kind), *cells, *difference])
     for words, place, form, small in (
         ('position error, median', ('position', 'median'), '%.3f m', 'of %d objects'),
         ('position error, 95 % below', ('position', 'p95'), '%.3f m', ''),
@@ -215,6 +232,15 @@ def _false_alarms(figures: Content) -> Tuple[Optional[float], str]:
     return shown['per_frame'], small + ('' if alarms else ', indicative')
 
 
+def _false_alarms_called(figures: Content, kind: str) -> Tuple[Optional[int], str]:
+    """False alarms of that name; where no labels are complete, the indicative number."""
+    counts = figures.get('false_alarms_by_kind')
+    if counts:
+        return counts[kind], ''
+    count = (figures.get('false_alarms_indicative') or {}).get('as_' + kind)
+    return count, '' if count is None else 'indicative'
+
+
 def _headline_note(runs: Sequence[Content]) -> str:
     note = (
         'Small print: 95 % Wilson interval, then how many of how many. The intervals take objects for independent; '
@@ -243,15 +269,17 @@ def _plots(runs: Sequence[Content]) -> List[plots.Plot]:
 
 def _recalls(runs: Sequence[Content]) -> Iterator[Tuple[str, List[str], List[Tuple[str, List[Any]]]]]:
     """Name, values, and each run's recall by value, of all bands and groups."""
+    made: List[Any] = []
     for section in ('bands', 'groups'):
         for name in _keys(run[section] for run in runs):
             parts = [_parts(run[section].get(name)) for run in runs]
             values = _keys(parts)
-            yield (
-                name,
-                values,
-                [(run['name'], [(part.get(v) or {}).get('recall') for v in values]) for run, part in zip(runs, parts)],
-            )
+            recalls = [
+                (run['name'], [(part.get(v) or {}).get('recall') for v in values]) for run, part in zip(runs, parts)
+            ]
+            if (values, recalls) not in made:  # a layout is often its own split_block
+                made.append((values, recalls))
+                yield name, values, recalls
 
 
 def _keys(mappings: Any) -> List[str]:

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import math
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -30,6 +31,8 @@ STYLE = {
     'legend.frameon': False,
     'svg.hashsalt': 'evaluate',  # the same content makes the same page
 }
+LOG_STEPS, LEAST_TICKS = ((1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)), 3
+"""Of ticks in a decade, until there are so many."""
 BINS, SHOWN = 36, 0.99
 """Of a histogram: a few slow pictures would press all others to the edge."""
 FEW_POINTS = 12
@@ -74,8 +77,7 @@ def precision_recall(runs: Sequence[Mapping[str, Any]], name: str = 'all') -> Op
                         '%g' % marked, at, xytext=shift, textcoords='offset points', color=COLORS[index], fontsize=8
                     )
         axes.set_xlim(0, 1.02)
-        lowest = min(p['precision'] for _, points, _ in curves for p in points)
-        axes.set_ylim(0 if lowest < 0.5 else 0.5, 1.01)
+        axes.set_ylim(0, 1.02)
         axes.set_xlabel('recall: share of the labelled objects that were found')
         axes.set_ylabel('precision: right share of the detections')
         axes.legend(loc='upper right')
@@ -151,28 +153,27 @@ def histogram(
     if not there:
         return None
 
-    low = min(float(content['edges'][0]) for _, _, content in there)
     high = max(_quantile(content, SHOWN) for _, _, content in there)
+    fewest = min(sum(content['counts']) for _, _, content in there)
+    shown = [(index, run, *_merged(content, high, fewest), sum(content['counts'])) for index, run, content in there]
     geometric = all(_grows(content['edges']) for _, _, content in there)
-    edges = np.geomspace(low, high, BINS + 1) if geometric else np.linspace(low, high, BINS + 1)
+    left_out = any(sum(counts) < total for _, _, _, counts, total in shown)
 
     def draw(axes: Any) -> None:
-        for index, run, content in there:
-            up_to = np.append(0, np.cumsum(content['counts']))
-            heights = 100 * np.diff(np.interp(edges, content['edges'], up_to)) / up_to[-1]
-            heights = np.append(heights, heights[-1])
+        for index, run, edges, counts, total in shown:
+            heights = 100 * np.append(counts, counts[-1]) / total
             axes.fill_between(edges, heights, step='post', color=COLORS[index], alpha=0.15)
-            label = '%s (%d)' % (run, up_to[-1])
+            label = '%s (%d)' % (run, total)
             axes.step(edges, heights, where='post', color=COLORS[index], linewidth=1.4, label=label)
         if geometric:
             axes.set_xscale('log')
-            ticks = [step * 10.0**power for power in range(-3, 6) for step in (1, 2, 5)]
-            ticks = [tick for tick in ticks if low <= tick <= high]
+            ticks = log_ticks(min(edges[0] for _, _, edges, _, _ in shown), max(e[-1] for _, _, e, _, _ in shown))
             axes.set_xticks(ticks)
             axes.set_xticklabels(['%g' % tick for tick in ticks])
             axes.xaxis.set_minor_locator(NullLocator())
         axes.set_ylim(bottom=0)
-        axes.set_xlabel('%s [%s], without the highest %g %%' % (title.lower(), unit, 100 - 100 * SHOWN))
+        without = ', without the highest %g %%' % (100 - 100 * SHOWN) if left_out else ''
+        axes.set_xlabel('%s [%s]%s' % (title.lower(), unit, without))
         axes.set_ylabel('% of all')
         axes.legend(loc='upper right')
 
@@ -186,6 +187,30 @@ def _quantile(content: Mapping[str, Sequence[float]], part: float) -> float:
     """Where so large a part of the counts is reached, in bins' ends."""
     up_to = np.cumsum(content['counts'])
     return float(content['edges'][int(np.searchsorted(up_to, part * up_to[-1])) + 1])
+
+
+def _merged(content: Mapping[str, Sequence[float]], high: float, number: int) -> Tuple[List[float], List[int]]:
+    """Edges and counts of wider bins, from the first up to high: at most the root of a number of values, and BINS.
+
+    Only whole bins are put together, so that each height is one that was counted.
+    """
+    edges, counts = content['edges'], content['counts']
+    used = int(np.searchsorted(edges[1:], high * (1 - 1e-9))) + 1
+    step = -(-min(used, len(counts)) // min(BINS, math.ceil(math.sqrt(number))))
+    starts = list(range(0, min(used, len(counts)), step))
+    ends = [min(start + step, len(counts)) for start in starts]
+    merged = [int(sum(counts[start:end])) for start, end in zip(starts, ends)]
+    return [float(edges[index]) for index in [*starts, ends[-1]]], merged
+
+
+def log_ticks(low: float, high: float) -> List[float]:
+    """Round numbers on a logarithmic axis, at least two if possible; of a narrow axis its ends."""
+    for steps in LOG_STEPS:
+        ticks = [step * 10.0**power for power in range(-3, 6) for step in steps]
+        ticks = [round(tick, 9) for tick in ticks if low <= tick <= high]
+        if len(ticks) >= LEAST_TICKS:
+            return ticks
+    return [float('%.3g' % low), float('%.3g' % high)]
 
 
 def _grows(edges: Sequence[float]) -> bool:

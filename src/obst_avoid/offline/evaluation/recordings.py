@@ -174,7 +174,7 @@ def check(
 
     complain: gets one sentence for each picture or message that is skipped. sheets: existing folder for the contact
     sheets, '' for none; prefix: begins their names, as <prefix>_001.jpg.
-    Raises ToolError when a bag is damaged, OSError when a file of a folder cannot be read or a sheet not be written.
+    Raises ToolError when a bag is damaged, OSError when a sheet cannot be written.
     """
     counts = _Counts()
     tiles = Sheets(sheets, prefix)

@@ -61,10 +61,10 @@ def _recordings_lead(content: Content) -> List[str]:
     )
     broken = total['broken']
     second = 'Every picture could be read.' if not broken else '%s could not be read.' % counted(broken, 'picture')
-    if content['broken']:
-        second += ' %s left out as a whole.' % (
-            '1 recording was' if len(content['broken']) == 1 else '%d recordings were' % len(content['broken'])
-        )
+    left_out = content['broken_count']
+    if left_out:
+        words = '1 recording was' if left_out == 1 else '%d recordings were' % left_out
+        second += ' %s left out as a whole.' % words
     if content['empty']:
         second += ' All were declared empty: whatever was found is a false alarm.'
     return [first, second]
@@ -74,7 +74,7 @@ def _recordings_troubles(content: Content) -> List[Trouble]:
     total = content['runs'][0]['figures']['total']
     left_out = ['%s: %s' % (item['path'], item['why']) for item in content['broken']]
     return [
-        trouble('Recordings left out', left_out),
+        trouble('Recordings left out', left_out, content['broken_count']),
         trouble('Pictures that could not be read', total['why_broken'], total['broken']),
     ]
 

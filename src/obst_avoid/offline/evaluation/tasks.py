@@ -85,7 +85,8 @@ class Broken:
     entries: List[Dict[str, str]] = field(default_factory=list)
 
     def add(self, path: str, why: str) -> None:
-        """One more."""
+        """One more. why: without the path, which stands before it anyway."""
+        why = why[len(path) :].lstrip(': ') if why.startswith(path) else why
         self.count += 1
         if len(self.entries) < MOST_BROKEN:
             self.entries.append({'path': path, 'why': why})

@@ -20,7 +20,9 @@ from obst_avoid.offline.evaluation.tally import (
     BLUR_FIELD,
     SPEED_FIELD,
     Groups,
+    Tally,
     add,
+    add_to,
     bands_of_label,
     count_picture,
     groups_of_picture,
@@ -36,12 +38,14 @@ from obst_avoid.offline.evaluation.worst import (
     keep_worst,
 )
 from obst_avoid.offline.pictures import read_jpeg
-from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recorded, messages
+from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recorded, Recording, messages, readable
 from obst_avoid.offline.tool import ToolError, why_os
 from obst_avoid.ros import border
 
 WAITING = 8
 """Times as many pictures as are kept may wait for the choice of the worst, which takes time."""
+Places = Tuple[Tuple[str, str], ...]
+"""Name and value of each group of a picture, or of each band of a label."""
 _detectors: Dict[Any, detection.Detector] = {}
 """A worker's own: what is too costly to make for each task."""
 
@@ -50,19 +54,26 @@ def evaluate_pictures(job: Job, task: Task) -> Result:
     """The work of a task with labels."""
     broken = Broken()
     runs: List[Dict[str, Any]] = [{'groups': {}, 'bands': {}, 'worst': []} for _ in job.runs]
+    sums = [_Sums() for _ in job.runs]
     comparison = empty_comparison(job) if len(job.runs) == 2 else None
     pictures = 0
     for looked in _look(job, task, broken):
+        try:
+            judged = [_judge(job, looked, detected) for detected in looked.detected]
+            counted = [_counted(job, looked, *pair) for pair in zip(judged, looked.detected)]
+        except Exception as error:  # an odd value that no check has foreseen: it costs this picture only
+            broken.add(_path(looked.picture), '%s: %s' % (type(error).__name__, error))
+            continue
         pictures += 1
-        judged = [_judge(job, looked, detected) for detected in looked.detected]
-        for index, (result, run) in enumerate(zip(judged, runs)):
-            _count(job, looked, result, looked.detected[index].milliseconds, run)
+        for index, run in enumerate(runs):
+            sums[index].take(counted[index])
             run['worst'] += if_wrong(job, looked, [index], judged)
             if len(run['worst']) > WAITING * job.worst:
                 run['worst'] = keep_worst(run['worst'], job.worst)
         if comparison is not None:
             compare(job, looked, judged, comparison)
-    for run in runs:
+    for run, kept in zip(runs, sums):
+        run.update(groups=_spread(kept.groups), bands=_spread(kept.bands))
         run['worst'] = [described(entry) for entry in keep_worst(run['worst'], job.worst)]
     if comparison is not None:
         comparison['pictures'] = [described(entry) for entry in comparison['pictures']]
@@ -122,8 +133,8 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
     """All pictures of a recording through detectors that remember; the labelled ones come back."""
     recording = task.recording
     assert recording is not None
-    wanted = {picture.source.number: picture for picture in task.pictures if picture.source is not None}
-    number, newest = -1, None
+    unseen = {picture.source.number: picture for picture in task.pictures if picture.source is not None}
+    number, newest, why = -1, None, 'not in the recording'
     command: Optional[Tuple[int, float]] = None
     try:
         detectors = [_detector(run, None) for run in job.runs]
@@ -137,7 +148,7 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
             if newest is not None and stamp < newest:
                 detectors = [detection.restarted(detector) for detector in detectors]
             newest = stamp
-            picture = wanted.get(number)
+            picture = unseen.pop(number, None)
             try:
                 detected = []
                 for index, detector in enumerate(detectors):
@@ -148,14 +159,28 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
                 if picture is not None:
                     _check_size(picture, decoded)
             except (PictureError, CalibrationError, ToolError) as error:
-                name = recording.files[number] if recording.files else '%s, %.3f s' % (recording.path, stamp / 1e9)
-                broken.add(name, _why(error))
+                broken.add(_name_in(recording, number, stamp), _why(error))
                 continue
             if picture is not None:
                 fresh = command is not None and age(command[0], item.time) <= recordings.COMMAND_AGE
                 yield Looked(picture, tuple(detected), command[1] if command is not None and fresh else None)
     except (ToolError, CalibrationError, OSError) as error:
         broken.add(recording.path, _why(error))
+        why = 'not reached: its recording cannot be read to the end'
+    for number, picture in unseen.items():
+        stamp = picture.source.stamp if picture.source is not None else None
+        broken.add(_name_in(recording, number or 0, stamp or 0), why)
+
+
+def _name_in(recording: Recording, number: int, stamp: int) -> str:
+    """Of a recording's picture. stamp: [ns] in a bag."""
+    if recording.files:
+        return readable(recording.files[number])
+    return '%s, %.3f s' % (recording.path, stamp / 1e9)
+
+
+def _path(picture: LabelledPicture) -> str:
+    return picture.name if picture.source is None else picture.source.path
 
 
 def _speed(msg: Any, before: Optional[Tuple[int, float]]) -> float:
@@ -207,20 +232,49 @@ def _judge(job: Job, looked: Looked, detected: Detected) -> Judged:
     return judge(picture.labels, found, (picture.width, picture.height), picture.polygons, picture.complete)
 
 
-def _count(job: Job, looked: Looked, judged: Judged, milliseconds: Optional[float], run: Dict[str, Any]) -> None:
+@dataclass(frozen=True)
+class _Counted:
+    """A picture's tally and its groups, and its labels' tallies and bands."""
+
+    tally: Dict[str, int]
+    groups: Places
+    labels: List[Tuple[Dict[str, int], Places]]
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Tallies by all the groups, or bands, at once to which they belong: each is added once, and spread at the end."""
+
+    groups: Dict[Places, Dict[str, int]] = field(default_factory=dict)
+    bands: Dict[Places, Dict[str, int]] = field(default_factory=dict)
+
+    def take(self, counted: _Counted) -> None:
+        """Add a picture."""
+        add_to(self.groups.setdefault(counted.groups, {}), counted.tally)
+        for tally, bands in counted.labels:
+            add_to(self.bands.setdefault(bands, {}), tally)
+
+
+def _spread(sums: Dict[Places, Dict[str, int]]) -> Groups:
+    found: Groups = {}
+    for places, tally in sums.items():
+        for name, value in places:
+            add_to(found.setdefault(name, {}).setdefault(value, {}), tally)
+    return found
+
+
+def _counted(job: Job, looked: Looked, judged: Judged, detected: Detected) -> _Counted:
     fields = looked.picture.fields
-    tally: Counter = Counter()  # type: ignore[type-arg]
-    count_picture(tally, judged, milliseconds)
+    tally: Tally = Counter()  # type: ignore[type-arg]
+    count_picture(tally, judged, detected.milliseconds)
     speed, blur = fields.get(SPEED_FIELD, looked.speed), fields.get(BLUR_FIELD)
+    labels = []
     for label in judged.labels:
-        if label.ignored:
-            continue
-        one = tally_of_label(label, judged)
-        tally.update(one)
-        for name, value in bands_of_label(label.label, speed, blur):
-            run['bands'].setdefault(name, {}).setdefault(value, Counter()).update(one)
-    for name, value in groups_of_picture(fields, job.by, judged.on_lanes):
-        run['groups'].setdefault(name, {}).setdefault(value, Counter()).update(tally)
+        if not label.ignored:
+            one = tally_of_label(label, judged)
+            add_to(tally, one)
+            labels.append((one, tuple(bands_of_label(label.label, speed, blur))))
+    return _Counted(tally, tuple(groups_of_picture(fields, job.by, judged.on_lanes)), labels)
 
 
 @dataclass

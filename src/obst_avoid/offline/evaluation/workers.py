@@ -1,11 +1,14 @@
 """Dask's workers: on this machine's cores, or those of a scheduler."""
 
+import asyncio
 import contextlib
+import itertools
 import logging
 import os
 import signal
 import sys
 import tempfile
+from multiprocessing import resource_tracker
 from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Tuple
 
 import cv2
@@ -21,7 +24,9 @@ HERE = '127.0.0.1'
 PARTS = ('scheduler', 'worker', 'nanny')
 """Of Dask, each with a web page by default."""
 START_SECONDS = 30
-"""To find a scheduler and its first worker."""
+"""To find a scheduler and its first worker, or to start one."""
+LOGS = ('distributed', 'distributed.client', 'asyncio', 'tornado.application')
+"""What they would say of a failure is said in one sentence."""
 Done = Tuple[Task, Optional[Result], str]
 """A task with its result, or with None and why it failed."""
 
@@ -41,7 +46,7 @@ def work_here(function: Callable[[Job, Task], Result], job: Job, tasks: Iterable
 
 
 def _failed(error: BaseException) -> str:
-    return '%s: %s' % (type(error).__name__, ' '.join(str(error).split())[:200])
+    return ('%s: %s' % (type(error).__name__, ' '.join(str(error).split())[:200])).rstrip(': ')
 
 
 def work_through(
@@ -57,25 +62,40 @@ def work_through(
     from distributed import as_completed
 
     waiting = iter(tasks)
-    workers = max(1, len(client.scheduler_info()['workers']))
     running: Dict[str, Task] = {}
     finished = as_completed(loop=client.loop)
 
     def submit() -> None:
-        task = next(waiting, None)
-        if task is not None and task.name not in running:
-            running[task.name] = task
-            finished.add(client.submit(function, job, task, key='evaluate-' + task.name, pure=False))
+        """As many as the workers of this moment can take: more may come and some may go."""
+        with _scheduler_there(client):
+            most = IN_FLIGHT * max(1, len(client.scheduler_info()['workers']))
+        for task in itertools.islice(waiting, max(0, most - len(running))):
+            if task.name not in running:
+                running[task.name] = task
+                with _scheduler_there(client):
+                    finished.add(client.submit(function, job, task, key='evaluate-' + task.name, pure=False))
 
-    for _ in range(IN_FLIGHT * workers):
-        submit()
+    submit()
     for future in finished:
-        task = running.pop(future.key[len('evaluate-') :])
-        error = future.exception()
-        result = None if error is not None else future.result()
-        future.release()
+        with _scheduler_there(client):
+            task = running.pop(future.key[len('evaluate-') :])
+            if future.cancelled():  # nobody here cancels: it was lost with the scheduler
+                raise asyncio.CancelledError
+            error = future.exception()
+            result = None if error is not None else future.result()
+            future.release()
         submit()
         yield task, result, '' if error is None else _failed(error)
+
+
+@contextlib.contextmanager
+def _scheduler_there(client: Any) -> Iterator[None]:
+    """Raises ToolError when the scheduler is not to be reached any more."""
+    try:
+        yield
+    except (asyncio.CancelledError, asyncio.TimeoutError, OSError) as error:  # Dask's CommClosedError is an OSError
+        words = (client.scheduler.address, 'the same call goes on where it stopped')
+        raise ToolError('the scheduler at %s is gone; %s' % words) from error
 
 
 @contextlib.contextmanager
@@ -87,32 +107,37 @@ def workers_of(jobs: int, scheduler: str) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)
+    for name in LOGS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
         if scheduler:
             try:
                 client = stack.enter_context(Client(scheduler, timeout=START_SECONDS, set_as_default=False))
                 client.wait_for_workers(1, timeout=START_SECONDS)
-            except (OSError, ValueError, TimeoutError) as error:
+            except (OSError, ValueError, asyncio.TimeoutError) as error:
                 words = ' '.join(str(error).split())[:200] or type(error).__name__
                 raise ToolError('no Dask scheduler with workers at %s: %s' % (scheduler, words)) from error
         else:
             stack.enter_context(_built_package_first())
             stack.enter_context(dask.config.set(_settings()))
             space = stack.enter_context(tempfile.TemporaryDirectory(prefix='evaluate_'))
-            with _interrupts_ignored():
-                cluster = LocalCluster(
-                    n_workers=jobs,
-                    threads_per_worker=1,
-                    processes=True,
-                    host=HERE,
-                    dashboard_address=HERE + ':0',  # None would open its port to the network, without a dashboard
-                    worker_dashboard_address=HERE + ':0',
-                    local_directory=space,
-                    silence_logs=logging.CRITICAL,
-                )
-            stack.enter_context(cluster)
-            client = stack.enter_context(Client(cluster, set_as_default=False))
+            try:
+                with _interrupts_later():
+                    cluster = LocalCluster(
+                        n_workers=jobs,
+                        threads_per_worker=1,
+                        processes=True,
+                        host=HERE,
+                        dashboard_address=HERE + ':0',  # None would open its port to the network, without a dashboard
+                        worker_dashboard_address=HERE + ':0',
+                        local_directory=space,
+                        silence_logs=logging.CRITICAL,
+                        death_timeout=START_SECONDS,
+                    )
+                    stack.enter_context(cluster)
+                client = stack.enter_context(Client(cluster, set_as_default=False))
+            except Exception as error:  # whatever ended a worker, as it came back from its process
+                raise ToolError('workers cannot be started: %s' % _failed(error)) from error
         yield client
 
 
@@ -127,18 +152,28 @@ def _settings() -> Dict[str, Any]:
         **{'distributed.%s.http.routes' % name: [] for name in PARTS},
         'distributed.worker.profile.interval': '1h',
         'distributed.worker.profile.cycle': '1h',
-        'distributed.nanny.pre-spawn-environ': threads,
+        'distributed.nanny.pre-spawn-environ': {**threads, 'DASK_LOGGING__DISTRIBUTED': 'critical'},
     }
 
 
 @contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ctrl-C goes to all processes of a terminal: those that are started in here leave it to this one to end them."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _interrupts_later() -> Iterator[None]:
+    """Ctrl-C goes to all processes of a terminal: those that are started in here leave it to this one to end them.
+
+    They never get it, because threads and processes inherit which signals are blocked. Here it is remembered. Raises
+    KeyboardInterrupt at the end when it came.
+    """
+    resource_tracker.ensure_running()  # which the first process would start, and unblock the signal by the way
+    came = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
