@@ -33,7 +33,7 @@ from obst_avoid.offline.calibration.judge import UNCLEAR, Check, examine, judge
 from obst_avoid.offline.calibration.picture import draw, table_rows
 from obst_avoid.offline.evaluation.recordings import Odometry, Pose, driven, told
 from obst_avoid.offline.pictures import read_picture
-from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, TOPICS, Recording, messages, open_bag
+from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, TOPICS, Recorded, Recording, messages, open_bag, picture_of
 from obst_avoid.ros import border
 
 STEP = 0.12
@@ -301,9 +301,8 @@ def _read(
             continue
         now, way = chosen[index]
         try:
-            jpeg = item.role == JPEG
-            picture = border.picture_from_compressed_image(item.msg) if jpeg else border.picture_from_image(item.msg)
-        except (PictureError, border.BorderError) as error:
+            picture = picture_of(item)
+        except PictureError as error:
             complain('%s, picture %d: %s' % (recording.path, index, error))
             continue
         shots.append(Shot('%s, picture %d' % (name, index), picture, now, way if moving else None))
@@ -323,20 +322,19 @@ def _live(options: argparse.Namespace, complain: Callable[[str], None]) -> List[
     if not rosgraph.is_master_online():  # init_node would wait for it for ever
         raise tool.ToolError('no ROS master at %s, expected a running robot' % rosgraph.get_master_uri())
     rospy.init_node('check_calibration', anonymous=True, disable_signals=True)
-    raw, jpeg = ('/%s/%s' % (options.vehicle, TOPICS[role]) for role in (RAW, JPEG))
+    topics = {role: '/%s/%s' % (options.vehicle, TOPICS[role]) for role in (RAW, JPEG)}
     published = [name for name, _ in rospy.get_published_topics()]
-    use_raw = raw in published and jpeg not in published
-    topic = raw if use_raw else jpeg
+    role = RAW if topics[RAW] in published and topics[JPEG] not in published else JPEG
+    topic = topics[role]
     shots: List[Shot] = []
     for number in tool.progress(range(options.pictures), 'taking pictures'):
         try:
-            msg = rospy.wait_for_message(topic, Image if use_raw else CompressedImage, PATIENCE)
-            picture = border.picture_from_image(msg) if use_raw else border.picture_from_compressed_image(msg)
-            shots.append(Shot('%s, picture %d' % (topic, number), picture))
+            msg = rospy.wait_for_message(topic, Image if role == RAW else CompressedImage, PATIENCE)
+            shots.append(Shot('%s, picture %d' % (topic, number), picture_of(Recorded(role, 0, msg))))
         except rospy.ROSException:
             complain('no picture on %s for %.0f s' % (topic, PATIENCE))
             break
-        except (PictureError, border.BorderError) as error:
+        except PictureError as error:
             complain('%s: %s' % (topic, error))
         time.sleep(PAUSE)
     return _of_one_size(shots, complain)

@@ -31,7 +31,15 @@ from obst_avoid.offline.evaluation import (
     worst,
 )
 from obst_avoid.offline.pictures import read_picture
-from obst_avoid.offline.recording import JPEG, Recording, named_pictures, open_bag, open_folder, readable
+from obst_avoid.offline.recording import (
+    Recorded,
+    Recording,
+    named_pictures,
+    open_bag,
+    open_folder,
+    picture_of,
+    readable,
+)
 from obst_avoid.offline.tool import ToolError
 from obst_avoid.ros import border
 
@@ -581,8 +589,7 @@ def _picture_in_bag(options: Namespace, place: Mapping[str, Any]) -> Optional[Ar
     with rosbag.Bag(place['path']) as bag:
         for _, msg, _ in bag.read_messages(topics=[topic], start_time=time, end_time=time):
             if border.nanoseconds(msg.header.stamp) == place['stamp']:
-                jpeg = recording.picture_role == JPEG
-                return border.picture_from_compressed_image(msg) if jpeg else border.picture_from_image(msg)
+                return picture_of(Recorded(recording.picture_role, place['time'], msg))
     return None
 
 

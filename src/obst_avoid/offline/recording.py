@@ -8,6 +8,7 @@ import genpy
 import rosbag
 
 from obst_avoid.core.picture import PictureError
+from obst_avoid.core.types import Array
 from obst_avoid.offline.pictures import read_jpeg
 from obst_avoid.offline.tool import ToolError, picture_files, stamp_of_frame
 from obst_avoid.ros import border
@@ -112,6 +113,13 @@ def readable(name: str) -> str:
 def robot_of(recording: Recording) -> str:
     """Name of the robot that recorded a bag."""
     return recording.topics[recording.picture_role].strip('/').split('/')[0]
+
+
+def picture_of(item: Recorded) -> Array:
+    """(H, W, 3) uint8, BGR, of a picture message. Raises PictureError."""
+    if item.role == JPEG:
+        return border.picture_from_compressed_image(item.msg)
+    return border.picture_from_image(item.msg)
 
 
 def named_pictures(recording: Recording) -> Iterator[Tuple[int, str, Recorded]]:

@@ -8,7 +8,7 @@ import json
 import sys
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Iterator, List, Sequence
 
 import rosbag
 
@@ -20,7 +20,7 @@ from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import load
 from obst_avoid.core.types import Decision, LanePose, Obstacle, Stamped
 from obst_avoid.offline import tool
-from obst_avoid.offline.recording import JPEG, LANE_POSE, RAW, Recording, messages, open_bag, robot_of
+from obst_avoid.offline.recording import JPEG, LANE_POSE, RAW, Recording, messages, open_bag, picture_of, robot_of
 from obst_avoid.offline.summary import summarise, table
 from obst_avoid.ros import border
 from obst_avoid.ros.messages import find_messages
@@ -61,7 +61,6 @@ def run(
 ) -> Iterator[Answer]:
     """Work through a recording, picture by picture. A message that cannot be used is complained about and skipped."""
     inputs, memory = Inputs(), Memory()
-    newest: Optional[int] = None
     for item in messages(recording):
         if item.role not in (LANE_POSE, JPEG, RAW):
             continue
@@ -71,12 +70,7 @@ def run(
             if item.role == LANE_POSE:
                 inputs = replace(inputs, lane_pose=Stamped(stamp, border.lane_pose_from_msg(item.msg)))
                 continue
-            jpeg = item.role == JPEG
-            if newest is not None and stamp < newest:
-                detector = detection.restarted(detector)
-            newest = stamp
-            picture = border.picture_from_compressed_image(item.msg) if jpeg else border.picture_from_image(item.msg)
-            obstacles, detector = detection.detect(detector, picture, stamp)
+            obstacles, detector = detection.detect(detector, picture_of(item), stamp)
         except (PictureError, CalibrationError, border.BorderError) as error:
             complain('%.3f s: %s' % (stamp / 1e9, error))
             continue

@@ -56,7 +56,6 @@ class DetectionNode:
         stamp = border.nanoseconds(msg.header.stamp)
         if self._stamp is not None and stamp < self._stamp:
             rospy.logwarn('%s: time ran backwards by %.2f s, starting anew', rospy.get_name(), age(stamp, self._stamp))
-            self._detector = detection.restarted(self._detector)
         self._stamp = stamp
         begin = time.perf_counter()
         try:

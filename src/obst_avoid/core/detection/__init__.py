@@ -18,13 +18,15 @@ from obst_avoid.core.types import Array, Obstacle, Trace, no_trace
 class Detector:
     """Everything that one detection needs beside the picture.
 
-    view: for the size of the latest picture. state: of the profile, from the pictures before.
+    view: for the size of the latest picture. state: of the profile, from the pictures before. newest: [ns] stamp of
+    the latest of these.
     """
 
     calibration: Calibration
     settings: DetectionSettings
     view: BirdView
     state: Any
+    newest: Optional[int] = None
 
 
 def start(calibration: Calibration, settings: DetectionSettings) -> Detector:
@@ -32,17 +34,13 @@ def start(calibration: Calibration, settings: DetectionSettings) -> Detector:
     return Detector(calibration, settings, make_bird_view(calibration, settings.bird_view), paper.PaperState())
 
 
-def restarted(detector: Detector) -> Detector:
-    """The same detector, having forgotten all pictures."""
-    return replace(detector, state=paper.PaperState())
-
-
 def detect(
     detector: Detector, picture: Array, stamp: Optional[int], trace: Trace = no_trace
 ) -> Tuple[List[Obstacle], Detector]:
     """Find the obstacles in one picture.
 
-    picture: (H, W, 3) uint8, BGR, as the camera gave it. stamp: [ns] of the picture; None: it stands alone.
+    picture: (H, W, 3) uint8, BGR, as the camera gave it. stamp: [ns] of the picture; None: it stands alone. One older
+    than the picture before begins a new sequence: a bag that loops, a clock that was set.
     trace: is called after each stage of the profile, for pictures and timings.
     Returns the obstacles and the detector for the next picture. Raises CalibrationError when the picture has
     another aspect than the calibration.
@@ -51,6 +49,7 @@ def detect(
     view = detector.view
     if (view.calibration.width, view.calibration.height) != (width, height):
         view = make_bird_view(scaled(detector.calibration, width, height), detector.settings.bird_view)
-    state = detector.state if stamp is not None else paper.PaperState()
+    alone = stamp is None or (detector.newest is not None and stamp < detector.newest)
+    state = paper.PaperState() if alone else detector.state
     obstacles, state = paper.detect(picture, view, detector.settings.paper, state, stamp, trace)
-    return obstacles, replace(detector, view=view, state=state)
+    return obstacles, replace(detector, view=view, state=state, newest=stamp)

@@ -21,7 +21,7 @@ from obst_avoid.core.picture import PictureError
 from obst_avoid.core.types import Array, Box, Command, Obstacle
 from obst_avoid.offline.evaluation.figures import milliseconds, share
 from obst_avoid.offline.evaluation.tally import Tally, count_value
-from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, TRUE_POSE, Recording, messages
+from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, TRUE_POSE, Recording, messages, picture_of
 from obst_avoid.ros import border
 from obst_avoid.viz.overlay import FONT, INSIDE, OUTSIDE, SHADE, TEXT, UNKNOWN, contact_sheet
 
@@ -242,7 +242,6 @@ def _looked_at(
     tiles: 'Sheets',
 ) -> Iterator[Seen]:
     """The pictures one by one, counted and cut out by the way."""
-    newest: Optional[int] = None
     odometry: Optional[Odometry] = None
     true_pose: Optional[Pose] = None
     before: Optional[Pose] = None
@@ -260,11 +259,7 @@ def _looked_at(
         name = item.msg.header.frame_id if recording.files else '%d_%09d.jpg' % (stamp // 10**9, stamp % 10**9)
         begin = time.perf_counter()
         try:
-            if newest is not None and stamp < newest:
-                detector = detection.restarted(detector)
-            newest = stamp
-            jpeg = item.role == JPEG
-            picture = border.picture_from_compressed_image(item.msg) if jpeg else border.picture_from_image(item.msg)
+            picture = picture_of(item)
             obstacles, detector = detection.detect(detector, picture, stamp)
         except (PictureError, CalibrationError) as error:
             counts.broken += 1

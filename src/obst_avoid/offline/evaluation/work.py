@@ -38,7 +38,7 @@ from obst_avoid.offline.evaluation.worst import (
     keep_worst,
 )
 from obst_avoid.offline.pictures import read_jpeg
-from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recorded, Recording, messages, readable
+from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recording, messages, picture_of, readable
 from obst_avoid.offline.tool import ToolError, why_os
 from obst_avoid.ros import border
 
@@ -134,7 +134,7 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
     recording = task.recording
     assert recording is not None
     unseen = {picture.source.number: picture for picture in task.pictures if picture.source is not None}
-    number, newest, why = -1, None, 'not in the recording'
+    number, why = -1, 'not in the recording'
     command: Optional[Tuple[int, float]] = None
     try:
         detectors = [_detector(run, None) for run in job.runs]
@@ -145,15 +145,12 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
                 continue
             number += 1
             stamp = border.nanoseconds(item.msg.header.stamp)
-            if newest is not None and stamp < newest:
-                detectors = [detection.restarted(detector) for detector in detectors]
-            newest = stamp
             picture = unseen.pop(number, None)
             try:
                 detected = []
                 for index, detector in enumerate(detectors):
                     begin = time.perf_counter()
-                    decoded = _picture_of(item)
+                    decoded = picture_of(item)
                     obstacles, detectors[index] = detection.detect(detector, decoded, stamp)
                     detected.append(_detected(obstacles, time.perf_counter() - begin))
                 if picture is not None:
@@ -188,13 +185,6 @@ def _speed(msg: Any, before: Optional[Tuple[int, float]]) -> float:
         return abs(border.command_from_msg(msg).v)
     except border.BorderError:
         return before[1] if before else 0.0
-
-
-def _picture_of(item: Recorded) -> Array:
-    """(H, W, 3) uint8 BGR. Raises PictureError."""
-    if item.role == JPEG:
-        return border.picture_from_compressed_image(item.msg)
-    return border.picture_from_image(item.msg)
 
 
 def _check_size(picture: LabelledPicture, decoded: Array) -> None:
