@@ -9,6 +9,8 @@ from typing import Any, List, Sequence, Tuple
 import cv2
 import numpy as np
 import pytest
+from unit import drawn
+from unit.cameras import ROBOT, Camera, calibration_of, load_camera, write_files
 
 from obst_avoid.core.calibration import (
     camera_position,
@@ -26,8 +28,6 @@ from obst_avoid.offline.calibration.fit import (
 )
 from obst_avoid.offline.calibration.judge import BAD, GOOD, OFF, UNCLEAR, camera_pitch, camera_yaw, examine, judge
 from obst_avoid.offline.calibration.paint import Line, Tape, find_lines, rows_of
-from unit import drawn
-from unit.cameras import ROBOT, Camera, calibration_of, load_camera, write_files
 
 FILE = Camera()
 """What the file says; the true camera differs."""
@@ -348,7 +348,7 @@ def test_a_corrected_file_is_read_as_it_was_meant(tmp_path: Path, form: str, siz
     )
 
 
-REAL = ('ada', 'bella', 'emma', 'jeff', 'megaman', 'nominal', 'ola', 'patito', 'schumi', 'wayne')
+REAL = ('bella', 'megaman', 'nominal', 'ola', 'schumi', 'wayne')
 
 
 @pytest.mark.parametrize('name', REAL)
