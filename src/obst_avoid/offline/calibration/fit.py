@@ -92,8 +92,8 @@ class Fit:
 
     correction: of the calibration under test, without yaw. spread: (3,) standard deviations of roll [rad], pitch [rad],
     height [ratio]; covariance: (3, 3) of the same. lane, white, yellow: (width [m], standard deviation).
-    headings, offsets, curvatures: (N,) of the pictures that had lines, [rad], [m] of the yellow line's middle to the
-    left, [1/m]; heading_spread: (N,) [rad]. pictures: (N,) which ones.
+    headings, offsets: (N,) of the pictures that had lines, [rad], [m] of the yellow line's middle to the left;
+    heading_spread: (N,) [rad]. pictures: (N,) which ones.
     noise: [px] standard deviation of the edge points about the lines. edges: those that were used.
     views: how many of the pictures show the lane from another place.
     tapes: how many white and yellow lines were used. at_limit: the answer lies at the edge of what is tried.
@@ -108,7 +108,6 @@ class Fit:
     headings: Array
     heading_spread: Array
     offsets: Array
-    curvatures: Array
     noise: float
     edges: Edges
     views: int
@@ -212,7 +211,7 @@ def fit(calibration: Calibration, pictures: Sequence[Sequence[Line]], begin: Cor
     lane, white, yellow = zip(final.x[3:6], spread[3:6])
     return Fit(
         Correction(float(final.x[0]), float(final.x[1]), 0.0, height), covariance[:3, :3], lane, white, yellow,
-        np.array(numbers), lanes[:, 0], lane_spread[:, 0], lanes[:, 1], lanes[:, 2], _noise(apart), edges, views, tapes,
+        np.array(numbers), lanes[:, 0], lane_spread[:, 0], lanes[:, 1], _noise(apart), edges, views, tapes,
         bool((np.abs(final.x[:3]) > 0.98 * most[:3]).any()),
     )  # fmt: skip
 
