@@ -48,13 +48,13 @@ def replayed() -> List[Dict[str, Any]]:
     for number, (things, pose) in enumerate(FRAMES):
         stamp = START + number * STEP
         picture = draw(Scene(things), calibration, pose, seed=number)
-        obstacles, detector = detect(detector, picture, stamp)
-        inputs = Inputs(Stamped(stamp, obstacles), Stamped(stamp, pose.lane_pose))
+        scene, detector = detect(detector, picture, stamp)
+        inputs = Inputs(Stamped(stamp, scene.obstacles), Stamped(stamp, pose.lane_pose))
         decision, memory = decide(inputs, memory, stamp, rules)
         answers.append(
             {
                 'stamp': stamp,
-                'obstacles': [_fields_of_obstacle(one) for one in sorted(obstacles, key=lambda one: one.x)],
+                'obstacles': [_fields_of_obstacle(one) for one in sorted(scene.obstacles, key=lambda one: one.x)],
                 'decision': _fields_of_decision(decision),
             }
         )

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Pictures that cannot be used: nothing is published for them, /diagnostics says why, and the node goes on."""
 
+import math
 import sys
 import unittest
 
@@ -25,6 +26,7 @@ from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from obst_avoid.core.picture import encode_jpeg
+from obst_avoid.msg import Twist2DStamped
 
 NODE = '/duck1/obstacle_detection_node'
 PNG = bytes(cv2.imencode('.png', np.zeros((480, 640, 3), dtype=np.uint8))[1])
@@ -105,6 +107,16 @@ class BadInput(unittest.TestCase):
         warning = log.wait(lambda msg: 'focal length' in msg.msg, 'the warning')
         self.assertIn('has a focal length of 300.0 px, expected 160.0 px', warning.msg)
         self.assertEqual(warning.level, Log.WARN)
+
+    def test_a_car_command_that_is_none_is_named_and_the_next_picture_is_answered(self) -> None:
+        log = Inbox('/rosout', Log).connected()
+        self.addCleanup(log.close)
+        wheels = publisher('/duck1/lane_controller_node/car_cmd', Twist2DStamped)
+        for v in (0.2, math.nan, 0.2):
+            wheels.publish(Twist2DStamped(v=v))
+        warning = log.wait(lambda msg: 'car command dropped' in msg.msg, 'the warning')
+        self.assertIn('the car command has v = nan, expected a finite number', warning.msg)
+        self.answer_to(self.show(self.good))
 
     def test_a_good_picture_is_named_as_well(self) -> None:
         self.answer_to(self.show(self.good))

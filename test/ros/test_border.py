@@ -125,6 +125,38 @@ def test_lane_poses_come_back(d: float, phi: float, curvature: float, stamp: int
     assert border.nanoseconds(msg.header.stamp) == stamp
 
 
+variances = st.floats(min_value=0, max_value=10, width=32, exclude_min=True)
+
+
+@given(variances, floats32, variances, stamps)
+def test_covariances_come_back(dd: float, dp: float, pp: float, stamp: int) -> None:
+    pose = LanePose(0.0, 0.0, 0.0, (dd, dp, dp, pp))
+    msg = on_the_wire(border.msg_from_lane_pose(pose, stamp, messages.LanePose))
+    assert tuple(msg.d_phi_covariance) == pose.covariance
+    assert border.lane_pose_from_msg(msg) == pose
+
+
+def test_a_covariance_that_is_not_known_is_zeros_on_the_wire() -> None:
+    msg = on_the_wire(border.msg_from_lane_pose(LanePose(0.5, 0.25), EXACT, messages.LanePose))
+    assert tuple(msg.d_phi_covariance) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    'covariance',
+    [
+        (0, 0, 0, 0),
+        (1, 0, 0, 0),
+        (0, 0, 0, 1),
+        (-1, 0, 0, 1),
+        (math.nan, 0, 0, 1),
+        (1, 0, math.inf, 1),
+        (1, 0, 0, math.nan),
+    ],
+)
+def test_what_is_no_covariance_is_not_known(covariance: Any) -> None:
+    assert border.lane_pose_from_msg(messages.LanePose(d_phi_covariance=covariance)) == LanePose(0.0, 0.0)
+
+
 @pytest.mark.parametrize('field', ['d', 'phi', 'curvature'])
 def test_numbers_that_are_none_in_a_lane_pose(field: str) -> None:
     for value in (math.nan, math.inf):

@@ -42,7 +42,9 @@ CONTRACT = {
         '~image/compressed': 'camera_node/image/compressed',
         '~image': 'camera_node/image',
         '~camera_info': 'camera_node/camera_info',
+        '~car_cmd': 'lane_controller_node/car_cmd',
         '~posearray': 'obstacle_detection_node/posearray',
+        '~lane_pose': 'obstacle_detection_node/lane_pose',
     },
     'obstacle_avoidance_node': {
         '~posearray': 'obstacle_detection_node/posearray',
@@ -69,6 +71,7 @@ CONTRACT = {
         '~image': 'camera_node/image',
         '~camera_info': 'camera_node/camera_info',
         '~lane_pose': 'lane_filter_node/lane_pose',
+        '~car_cmd': 'replay_node/car_cmd',
         '~posearray': 'obstacle_detection_node/posearray',
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~annotated/compressed': 'obstacle_detection_visual_node/image/compressed',
@@ -160,6 +163,8 @@ def test_names_lead_to_the_topics_of_the_contract(name: str, arguments: Dict[str
     for node in config.nodes:
         if node.package == 'obst_avoid':
             wanted = {own: '/duck1/' + topic for own, topic in CONTRACT[node.type].items()}
+            if name == 'replay.launch' and node.type == 'obstacle_detection_node':
+                wanted['~car_cmd'] = '/duck1/replay_node/car_cmd'  # how the robot moved when it was recorded
             assert {own: resolved(node, own) for own in wanted} == wanted
             assert {own for own, _ in node.remap_args} <= set(wanted), 'a remap of a name that the node does not use'
 
@@ -245,7 +250,7 @@ def test_a_replay_passes_its_arguments_on() -> None:
         assert param(config, '/duck1/%s/calibration_dir' % node) == '/calibrations'
         assert param(config, '/duck1/%s/allow_default_calibration' % node) is True
         assert param(config, '/duck1/%s/input' % node) == 'raw'
-    for node in ('obstacle_avoidance_node', 'lane_controller_node', 'replay_node'):
+    for node in ('obstacle_detection_node', 'obstacle_avoidance_node', 'lane_controller_node', 'replay_node'):
         assert param(config, '/duck1/%s/msgs_package' % node) == 'duckietown_msgs'
     assert param(config, '/duck1/replay_node/picture_rate') == 10.0
     assert param(config, '/duck1/replay_node/input') == 'raw'

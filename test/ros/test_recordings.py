@@ -22,6 +22,7 @@ from obst_avoid.core import detection
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.types import Box, Command, Kind, Obstacle
+from obst_avoid.core.types import Scene as Shown
 from obst_avoid.offline import recording as recordings_files
 from obst_avoid.offline.evaluation import recordings
 from obst_avoid.offline.evaluation.recordings import Flicker, Odometry, Seen, Sighting
@@ -181,6 +182,8 @@ def obstacle(
 
 
 Says = Callable[[Any], detection.Detector]
+asked: List[Tuple[int, Any]] = []
+"""Stamp and commands of each call of the detector that `says` has made."""
 
 
 @pytest.fixture
@@ -189,10 +192,12 @@ def says(monkeypatch: pytest.MonkeyPatch, calibration: Calibration, detection_se
 
     def prepare(answers: Sequence[Sequence[Obstacle]]) -> detection.Detector:
         left = list(answers)
+        asked.clear()
 
-        def detect(detector: Any, picture: Any, stamp: int) -> Tuple[List[Obstacle], Any]:
+        def detect(detector: Any, picture: Any, stamp: int, commands: Any) -> Tuple[Shown, Any]:
             assert stamp is not None, 'a recording is a sequence'
-            return list(left.pop(0)), detector
+            asked.append((stamp, commands))
+            return Shown(left.pop(0)), detector
 
         monkeypatch.setattr(detection, 'detect', detect)
         return detection.start(calibration, detection_settings)
@@ -386,6 +391,13 @@ class TestBag:
         checked = recordings.check(recording, says([[]] * 11), never)
         assert checked.metres_from == 'truth'
         assert checked.metres == pytest.approx(0.1, abs=0.002)
+
+    def test_the_detector_is_told_how_the_robot_moves(self, says: Says, tmp_path: Path) -> None:
+        recordings.check(recordings_files.open_bag(write_bag(tmp_path / 'a.bag', 3, speed=0.25)), says([[]] * 3), never)
+        for number, (stamp, commands) in enumerate(asked, 1):
+            assert [(command.stamp, command.value) for command in commands] == [
+                (stamp - PERIOD * back, Command(0.25, 0.0)) for back in reversed(range(number))
+            ]
 
     def test_a_bag_without_motion(self, says: Says, tmp_path: Path) -> None:
         recording = recordings_files.open_bag(write_bag(tmp_path / 'a.bag', 3, commands=False))

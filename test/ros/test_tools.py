@@ -14,13 +14,15 @@ import pytest
 import rosbag
 from helpers import DUCKIE, REPOSITORY, SCENE, default_calibration, jpeg_of, nanoseconds, picture_of, run_program
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 from unit.drawn import Scene, Thing
 
 from obst_avoid import msg as messages
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.picture import decode_jpeg
-from obst_avoid.core.types import Kind, LanePose, Stamped
+from obst_avoid.core.types import Command, Kind, LanePose, Stamped
+from obst_avoid.core.types import Scene as Shown
 from obst_avoid.offline import (
     bag_to_images,
     bench,
@@ -32,6 +34,7 @@ from obst_avoid.offline import (
     show_steps,
     simulated_bag,
 )
+from obst_avoid.ros import border
 from obst_avoid.sim.renderer import RenderError
 
 DEFAULT = ['--calibration', str(REPOSITORY / 'config' / 'calibrations'), '--vehicle', 'default']
@@ -446,7 +449,7 @@ class TestRunBag:
                 if 'compressed' in topic:
                     stamp = nanoseconds(msg)
                     seen, detector = detection.detect(detector, decode_jpeg(bytes(msg.data)), stamp)
-                    inputs = Inputs(Stamped(stamp, seen), pose)
+                    inputs = Inputs(Stamped(stamp, seen.obstacles), pose)
                     decision, memory = decide(inputs, memory, time.to_nsec(), avoidance_settings)
                     wanted.append((decision.state.value, decision.d_ref, decision.v_ref, decision.reason))
                     if len(wanted) == CHECKED:
@@ -458,6 +461,33 @@ class TestRunBag:
         for msg, (state, d_ref, v_ref, reason) in zip(found, wanted):
             assert (msg.state, msg.reason) == (state, reason)
             assert (msg.d_ref, msg.v_ref) == (pytest.approx(d_ref, abs=1e-6), pytest.approx(v_ref, abs=1e-6))
+
+    def test_motion_goes_in_and_our_own_lane_pose_comes_out(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        jpeg, told = jpeg_of(), []
+        with rosbag.Bag(str(tmp_path / 'in.bag'), 'w') as content:
+            for number in range(4):
+                now = border.ros_time(10**9 + number * 10**8)
+                content.write(
+                    '/duck1/lane_controller_node/car_cmd', messages.Twist2DStamped(Header(stamp=now), 0.25, 0.5), now
+                )
+                picture = border.compressed_image_from_jpeg(jpeg, 10**9 + number * 10**8, 'camera')
+                content.write('/duck1/camera_node/image/compressed', picture, now)
+
+        def detect(detector: Any, picture: Any, stamp: int, commands: Any) -> Any:
+            told.append([(command.stamp, command.value) for command in commands])
+            seen = stamp > 1_150_000_000
+            return Shown([], LanePose(0.25, 0.5, 1.0, (1.0, 0.5, 0.5, 2.0)) if seen else None), detector
+
+        monkeypatch.setattr(detection, 'detect', detect)
+        assert run_bag.main([*DEFAULT, str(tmp_path / 'in.bag'), '--output', str(tmp_path / 'out.bag')]) == 0
+        assert told[2] == [(10**9 + number * 10**8, Command(0.25, 0.5)) for number in range(3)]
+        with rosbag.Bag(str(tmp_path / 'out.bag')) as content:
+            poses = [msg for _, msg, _ in content.read_messages(topics=['/duck1/obstacle_detection_node/lane_pose'])]
+        assert [nanoseconds(msg) for msg in poses] == [1_200_000_000, 1_300_000_000]
+        assert tuple(poses[0].d_phi_covariance) == (1.0, 0.5, 0.5, 2.0)
+        assert (poses[0].d, poses[0].phi, poses[0].curvature) == (0.25, 0.5, 1.0)
 
     def test_the_stage_can_be_chosen(self, tmp_path: Path) -> None:
         jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.42, -0.07, 0.03),)))

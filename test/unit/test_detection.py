@@ -10,6 +10,7 @@ import pytest
 from obst_avoid.core.calibration import Calibration, CalibrationError
 from obst_avoid.core.detection import Detector, detect, start
 from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.types import Command, Scene, Stamped
 from unit.cameras import Camera, calibration_of
 from unit.scenes import cone, duckie, picture_of
 
@@ -28,8 +29,8 @@ def test_a_camera_that_sees_no_road_cannot_start(detection_settings: DetectionSe
 
 
 def test_nothing_is_an_empty_list(detector: Detector, calibration: Calibration) -> None:
-    assert detect(detector, picture_of(calibration), None)[0] == []
-    assert detect(detector, picture_of(calibration), 0)[0] == []
+    assert detect(detector, picture_of(calibration), None)[0] == Scene([])
+    assert detect(detector, picture_of(calibration), 0)[0] == Scene([])
 
 
 @pytest.mark.parametrize('size', [(320, 240), (800, 600), (1280, 960)], ids='%dx%d'.__mod__)
@@ -39,10 +40,10 @@ def test_a_picture_of_another_size_gives_the_same_answer(
     picture = picture_of(calibration, (duckie(0.4, 0.02), cone(0.6, -0.05)))
     resized = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if size[0] < 640 else cv2.INTER_LINEAR)
     (plain, _), (found, after) = detect(detector, picture, None), detect(detector, resized, None)
-    assert [one.kind for one in found] == [one.kind for one in plain]
+    assert [one.kind for one in found.obstacles] == [one.kind for one in plain.obstacles]
     assert (after.view.calibration.width, after.view.calibration.height) == size
     factor = size[0] / 640
-    for here, there in zip(plain, found):
+    for here, there in zip(plain.obstacles, found.obstacles):
         assert (there.x, there.y, there.radius) == pytest.approx((here.x, here.y, here.radius), abs=0.015)
         assert here.image_box is not None and there.image_box is not None
         for name in ('left', 'right', 'bottom'):
@@ -71,9 +72,9 @@ def test_pictures_that_stand_alone_do_not_know_each_other(detector: Detector, ca
     pictures = [picture_of(calibration, some) for some in things]
     pictures.append(np.rint(pictures[0] * 0.5).astype(np.uint8))  # another light: a kept correction would show
     each = [detect(detector, picture, None)[0] for picture in pictures]
-    assert [len(found) for found in each] == [1, 0, 2, 1, 1]
+    assert [len(found.obstacles) for found in each] == [1, 0, 2, 1, 1]
     for order in ([0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [0, 0, 3, 3, 4, 2]):
-        now, answers = detector, []  # type: Tuple[Detector, List[List[Obstacle]]]
+        now, answers = detector, []  # type: Tuple[Detector, List[Scene]]
         for i in order:
             found, now = detect(now, pictures[i], None)
             answers.append(found)
@@ -85,7 +86,7 @@ def test_a_sequence_confirms_and_an_older_picture_forgets(detector: Detector, ca
     counts, now = [], detector
     for stamp in (500, 600, 100, 200):
         found, now = detect(now, picture, stamp * MS)
-        counts.append(len(found))
+        counts.append(len(found.obstacles))
     assert counts == [0, 1, 0, 1]
 
 
@@ -93,5 +94,15 @@ def test_the_detector_given_is_left_alone(detector: Detector, calibration: Calib
     picture = picture_of(calibration, (duckie(0.6, 0.0),))
     before = replace(detector)
     for _ in range(3):
-        assert detect(detector, picture, 0)[0] == []
+        assert detect(detector, picture, 0)[0] == Scene([])
     assert detector == before
+
+
+def test_the_profile_paper_takes_no_notice_of_the_robots_motion(detector: Detector, calibration: Calibration) -> None:
+    commands = (Stamped(-100 * MS, Command(0.4, 3.0)),)
+    for told in ((), commands):
+        now = detector
+        for stamp in (0, 100, 200):
+            scene, now = detect(now, picture_of(calibration, (duckie(0.6, 0.0),)), stamp * MS, told)
+        assert len(scene.obstacles) == 1
+        assert scene.lane_pose is None

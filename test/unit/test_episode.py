@@ -13,7 +13,7 @@ import pytest
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.lane_control import LaneControlSettings
-from obst_avoid.core.types import Command, Decision, Kind, Obstacle, State
+from obst_avoid.core.types import Command, Decision, Kind, Obstacle, Scene, State
 from obst_avoid.sim import episode
 from obst_avoid.sim import world as worlds
 from obst_avoid.sim.episode import Frame, Outcome, Robot, run
@@ -52,7 +52,11 @@ def play(
     robot: Any = Robot(None, avoidance_settings, lane_control_settings)  # type: ignore[arg-type]
 
     def make(
-        content: Dict[str, Any], sight: Sight = perfect, watch: Any = lambda frame: None, **changes: Any
+        content: Dict[str, Any],
+        sight: Sight = perfect,
+        watch: Any = lambda frame: None,
+        tell: Any = lambda asked: None,
+        **changes: Any,
     ) -> Outcome:
         shown: List[Any] = []
 
@@ -61,7 +65,7 @@ def play(
             return SEEN, replace(world, pictures=world.pictures + 1)
 
         monkeypatch.setattr(worlds, 'picture', picture)
-        monkeypatch.setattr(detection, 'detect', lambda detector, *_: (shown[-1], detector))
+        monkeypatch.setattr(detection, 'detect', lambda detector, *asked: (Scene(shown[-1]), tell(asked) or detector))
         settings = quiet(**{'picture_rate': 10.0, **changes})
         return run(scenario_of(tmp_path, content), robot, settings, None, watch)  # type: ignore[arg-type]
 
@@ -217,6 +221,17 @@ def test_clean_lane_poses_come_at_once(graph: Any) -> None:
     first = {call[0].stamp: now for now, call in reversed(control.calls) if call[0] is not None}
     assert [now - stamp for stamp, now in first.items()] == pytest.approx([0] * len(first), abs=MS)
     assert 55 <= len(first) <= 61, '30 a second'
+
+
+def test_the_detector_is_told_how_the_robot_moves(play: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    gave, asked = Spy(episode.control, 3), []
+    monkeypatch.setattr(episode, 'control', gave)
+    play(mapping(duration=3.0), blind, tell=asked.append)
+    assert len(asked) == 31
+    for _, stamp, commands in asked:
+        recent = [now for now, _ in gave.calls if now <= stamp and now >= stamp - 2_000 * MS]
+        assert [command.stamp for command in commands if command.stamp >= stamp - 2_000 * MS] == recent
+    assert {command.value.v for command in asked[10][2]} == {0.0, 0.2}
 
 
 def test_before_the_first_answer_it_stands(graph: Any) -> None:

@@ -2,7 +2,7 @@
 
 import enum
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Generic, Optional, TypeVar
+from typing import TYPE_CHECKING, Any, Callable, Generic, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class Obstacle:
     in_lane: False when the whole footprint lies beyond a line that bounds our lane; None: not known.
     confidence: 0 to 1, for ranking only.
     bird_box: in pixels of the report's bird view. image_box: in pixels of the camera picture as it came.
+    to_left, to_right: [m] from its footprint's edge to the inner edge of our lane's left and right line, positive
+    inside; None: not known.
     """
 
     kind: Optional[Kind]
@@ -60,6 +62,8 @@ class Obstacle:
     confidence: float = 1.0
     bird_box: Optional[Box] = None
     image_box: Optional[Box] = None
+    to_left: Optional[float] = None
+    to_right: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -68,11 +72,21 @@ class LanePose:
 
     d: [m] left of the lane's centre. phi: [rad] turned left of the lane's direction.
     curvature: [1/m] positive when the lane bends left; 0 may mean unknown.
+    covariance: of d and phi, row by row: m^2, m rad, m rad, rad^2; None: not known.
     """
 
     d: float
     phi: float
     curvature: float = 0.0
+    covariance: Optional[Tuple[float, float, float, float]] = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What one picture shows. lane_pose: None where the picture does not tell."""
+
+    obstacles: Sequence[Obstacle]
+    lane_pose: Optional[LanePose] = None
 
 
 class State(enum.Enum):

@@ -80,7 +80,7 @@ def _times(detector: detection.Detector, jpegs: List[bytes]) -> Dict[str, List[f
         watch = _Watch()
         picture = decode_jpeg(jpeg)
         watch.lap(DECODE, None)
-        _, detector = detection.detect(detector, picture, tool.stamp_of_frame(index, 30.0), watch.lap)
+        _, detector = detection.detect(detector, picture, tool.stamp_of_frame(index, 30.0), trace=watch.lap)
         laps = dict(watch.laps)
         laps[TOTAL] = sum(value for name, value in watch.laps if name != DECODE)
         for name, value in laps.items():

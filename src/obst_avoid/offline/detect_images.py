@@ -45,7 +45,7 @@ def _main(options: argparse.Namespace) -> int:
             begin = time.perf_counter()
             picture = decode_jpeg(jpeg)
             stamp = tool.stamp_of_frame(index, options.rate) if options.sequence else None
-            obstacles, detector = detection.detect(detector, picture, stamp)
+            scene, detector = detection.detect(detector, picture, stamp)
             milliseconds = 1e3 * (time.perf_counter() - begin)
         except (PictureError, CalibrationError, OSError) as error:
             broken.append('%s: %s' % (path, error.strerror if isinstance(error, OSError) else error))
@@ -56,7 +56,7 @@ def _main(options: argparse.Namespace) -> int:
                 'width': picture.shape[1],
                 'height': picture.shape[0],
                 'milliseconds': round(milliseconds, 3),
-                'obstacles': [json_from_obstacle(obstacle) for obstacle in obstacles],
+                'obstacles': [json_from_obstacle(obstacle) for obstacle in scene.obstacles],
             }
         )
         if options.annotated:
@@ -65,7 +65,7 @@ def _main(options: argparse.Namespace) -> int:
             if os.path.exists(target) and os.path.samefile(target, path):
                 raise tool.ToolError('--annotated %s would overwrite the pictures themselves' % options.annotated)
             os.makedirs(os.path.dirname(target), exist_ok=True)
-            cv2.imwrite(target, draw_on_picture(picture, obstacles, detector.view))
+            cv2.imwrite(target, draw_on_picture(picture, scene.obstacles, detector.view))
     with open(options.output, 'w', encoding='utf-8') as file:
         json.dump({'images': images}, file, indent=1)
     found = sum(len(image['obstacles']) for image in images)

@@ -8,7 +8,7 @@ import json
 import sys
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Iterator, List, Sequence
+from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple
 
 import rosbag
 
@@ -16,11 +16,22 @@ from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import STAGES, AvoidanceSettings
 from obst_avoid.core.calibration import CalibrationError
+from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import load
-from obst_avoid.core.types import Decision, LanePose, Obstacle, Stamped
+from obst_avoid.core.types import Command, Decision, LanePose, Scene, Stamped
 from obst_avoid.offline import tool
-from obst_avoid.offline.recording import JPEG, LANE_POSE, RAW, Recording, messages, open_bag, picture_of, robot_of
+from obst_avoid.offline.recording import (
+    CAR_CMD,
+    JPEG,
+    LANE_POSE,
+    RAW,
+    Recording,
+    messages,
+    open_bag,
+    picture_of,
+    robot_of,
+)
 from obst_avoid.offline.summary import summarise, table
 from obst_avoid.ros import border
 from obst_avoid.ros.messages import find_messages
@@ -37,7 +48,9 @@ def main(arguments: Any = None) -> int:
     parser.add_argument(
         '--robot', metavar='NAME', default='', help='whose topics are read, if the bag has several robots'
     )
-    parser.add_argument('--output', metavar='BAG', help='bag to write: posearray, lane_control and the active flag')
+    parser.add_argument(
+        '--output', metavar='BAG', help='bag to write: posearray, our own lane pose, lane_control and the active flag'
+    )
     parser.add_argument('--json', metavar='FILE', help='write the summary there')
     return tool.run(_main, parser, arguments)
 
@@ -48,7 +61,7 @@ class Answer:
 
     time: int
     stamp: int
-    obstacles: List[Obstacle]
+    scene: Scene
     decision: Decision
     seconds: float
 
@@ -61,24 +74,28 @@ def run(
 ) -> Iterator[Answer]:
     """Work through a recording, picture by picture. A message that cannot be used is complained about and skipped."""
     inputs, memory = Inputs(), Memory()
-    for item in messages(recording):
-        if item.role not in (LANE_POSE, JPEG, RAW):
+    commands: Tuple[Stamped[Command], ...] = ()
+    for item in messages(recording, motion=True):
+        if item.role not in (LANE_POSE, CAR_CMD, JPEG, RAW):
             continue
         stamp = border.nanoseconds(item.msg.header.stamp)
         begin = time.perf_counter()
         try:
+            if item.role == CAR_CMD:
+                commands = remembered(commands, Stamped(item.time, border.command_from_msg(item.msg)))
+                continue
             if item.role == LANE_POSE:
                 inputs = replace(inputs, lane_pose=Stamped(stamp, border.lane_pose_from_msg(item.msg)))
                 continue
-            obstacles, detector = detection.detect(detector, picture_of(item), stamp)
+            scene, detector = detection.detect(detector, picture_of(item), stamp, commands)
         except (PictureError, CalibrationError, border.BorderError) as error:
             complain('%.3f s: %s' % (stamp / 1e9, error))
             continue
-        inputs = replace(inputs, obstacles=Stamped(stamp, obstacles))
+        inputs = replace(inputs, obstacles=Stamped(stamp, scene.obstacles))
         if LANE_POSE not in recording.topics:
             inputs = replace(inputs, lane_pose=Stamped(stamp, LanePose(0.0, 0.0)))
         decision, memory = decide(inputs, memory, item.time, settings)
-        yield Answer(item.time, stamp, obstacles, decision, time.perf_counter() - begin)
+        yield Answer(item.time, stamp, scene, decision, time.perf_counter() - begin)
 
 
 def _main(options: argparse.Namespace) -> int:
@@ -100,7 +117,7 @@ def _main(options: argparse.Namespace) -> int:
         print('run_bag: %s: %s' % (options.bag, sentence), file=sys.stderr)
     summary = summarise(
         recording.pictures,
-        [answer.obstacles for answer in answers],
+        [answer.scene.obstacles for answer in answers],
         [answer.decision for answer in answers],
         [answer.seconds for answer in answers],
         recording.pictures - len(answers),
@@ -115,18 +132,23 @@ def _main(options: argparse.Namespace) -> int:
 
 
 def _write(path: str, veh: str, answers: Sequence[Answer]) -> None:
-    flag_class = find_messages('').BoolStamped
+    classes = find_messages('')
     with rosbag.Bag(path, 'w') as bag:
         for answer in answers:
-            posearray = border.pose_array_from_obstacles(answer.obstacles, answer.stamp, border.footprint_frame(veh))
-            out = {
+            scene = answer.scene
+            posearray = border.pose_array_from_obstacles(scene.obstacles, answer.stamp, border.footprint_frame(veh))
+            out: Dict[str, Any] = {
                 'obstacle_detection_node/posearray': posearray,
                 'obstacle_avoidance_node/lane_control': border.lane_control_from_decision(
                     answer.decision, answer.stamp
                 ),
                 'obstacle_avoidance_node/obstacle_avoidance_active_flag': border.flag_from_decision(
-                    answer.decision, answer.stamp, flag_class
+                    answer.decision, answer.stamp, classes.BoolStamped
                 ),
             }
+            if scene.lane_pose is not None:
+                out['obstacle_detection_node/lane_pose'] = border.msg_from_lane_pose(
+                    scene.lane_pose, answer.stamp, classes.LanePose
+                )
             for topic, msg in out.items():
                 bag.write('/%s/%s' % (veh, topic), msg, border.ros_time(answer.time))

@@ -38,7 +38,7 @@ def _main(options: argparse.Namespace) -> int:
         stages: Dict[str, Any] = {}
         try:
             picture = read_picture(path)
-            _, seen = detection.detect(detector, picture, None, stages.__setitem__)
+            _, seen = detection.detect(detector, picture, None, trace=stages.__setitem__)
         except (PictureError, CalibrationError, OSError) as error:
             print('show_steps: %s' % (tool.why_os(error) if isinstance(error, OSError) else error), file=sys.stderr)
             broken += 1

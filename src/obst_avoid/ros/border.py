@@ -75,14 +75,26 @@ def obstacles_from_pose_array(msg: PoseArray, frame_id: str) -> List[Obstacle]:
 
 
 def msg_from_lane_pose(pose: LanePose, stamp: int, cls: Any) -> Any:
-    """cls: the LanePose class to use, see messages.py."""
-    return cls(header=Header(stamp=ros_time(stamp)), d=pose.d, phi=pose.phi, curvature=pose.curvature, in_lane=True)
+    """cls: the LanePose class to use, see messages.py. A covariance that is not known is zeros, as filters send."""
+    return cls(
+        header=Header(stamp=ros_time(stamp)),
+        d=pose.d,
+        phi=pose.phi,
+        d_phi_covariance=list(pose.covariance or (0.0,) * 4),
+        curvature=pose.curvature,
+        in_lane=True,
+    )
 
 
 def lane_pose_from_msg(msg: Any) -> LanePose:
-    """Only d, phi and curvature count; in_lane alone is no reason to stop."""
+    """Only d, phi, their covariance and curvature count; in_lane alone is no reason to stop.
+
+    A covariance that is none, zeros or NaN for example, comes back as not known.
+    """
     _require_finite('the lane pose', d=msg.d, phi=msg.phi, curvature=msg.curvature)
-    return LanePose(msg.d, msg.phi, msg.curvature)
+    dd, dp, pd, pp = msg.d_phi_covariance
+    usable = all(math.isfinite(value) for value in (dd, dp, pd, pp)) and dd > 0 and pp > 0
+    return LanePose(msg.d, msg.phi, msg.curvature, (dd, dp, pd, pp) if usable else None)
 
 
 def lane_control_from_decision(decision: Decision, stamp: int) -> LaneControl:

@@ -1,8 +1,11 @@
-"""obstacle_detection_node: from the camera's newest picture to a PoseArray with the picture's stamp."""
+"""obstacle_detection_node: from the camera's newest picture to a PoseArray with the picture's stamp, and to a LanePose
+where the lane's lines are seen.
+"""
 
+import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Optional, Union
+from typing import Any, Optional, Tuple, Union
 
 import rospy
 from geometry_msgs.msg import PoseArray
@@ -12,9 +15,12 @@ from obst_avoid.core import detection
 from obst_avoid.core.age import age
 from obst_avoid.core.calibration import CalibrationError, scaled
 from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import choice, flag, text
+from obst_avoid.core.types import Command, Stamped
 from obst_avoid.ros import border, node
+from obst_avoid.ros.messages import find_messages
 
 
 @dataclass(frozen=True)
@@ -24,6 +30,7 @@ class DetectionNodeSettings(DetectionSettings):
     veh: str = text()
     calibration_dir: str = text()
     allow_default_calibration: bool = flag()
+    msgs_package: str = text()
     input: str = choice('compressed', 'raw')
 
 
@@ -35,14 +42,19 @@ class DetectionNode:
         settings = self._settings
         calibration = node.calibration_of(settings.veh, settings.calibration_dir, settings.allow_default_calibration)
         self._detector = detection.start(calibration, settings)
+        self._messages = find_messages(settings.msgs_package)
+        self._lock = threading.Lock()
+        self._commands: Tuple[Stamped[Command], ...] = ()
         self._frame = border.footprint_frame(settings.veh)
         self._newest: node.Newest[Union[CompressedImage, Image]] = node.Newest()
         self._rate, self._reason = node.Rate(), 'no picture yet'
         self._stamp: Optional[int] = None
         self._milliseconds = 0.0
         self._publisher = rospy.Publisher('~posearray', PoseArray, queue_size=1)
+        self._lane_pose_publisher = rospy.Publisher('~lane_pose', self._messages.LanePose, queue_size=1)
         self._health = node.Health(settings.veh, self._diagnose)
         node.in_background(self._work)
+        rospy.Subscriber('~car_cmd', self._messages.Twist2DStamped, self._on_car_cmd, queue_size=10)
         rospy.Subscriber('~camera_info', CameraInfo, self._on_camera_info, queue_size=1)
         if settings.input == 'compressed':
             rospy.Subscriber('~image/compressed', CompressedImage, self._newest.put, queue_size=1, buff_size=2**24)
@@ -60,15 +72,20 @@ class DetectionNode:
         begin = time.perf_counter()
         try:
             picture = self._picture(msg)
-            obstacles, self._detector = detection.detect(self._detector, picture, stamp)
+            with self._lock:
+                commands = self._commands
+            scene, self._detector = detection.detect(self._detector, picture, stamp, commands)
         except (PictureError, CalibrationError) as error:
             self._reason = node.dropped('picture', error)
             return
-        self._publisher.publish(border.pose_array_from_obstacles(obstacles, stamp, self._frame))
+        self._publisher.publish(border.pose_array_from_obstacles(scene.obstacles, stamp, self._frame))
+        if scene.lane_pose is not None:
+            pose = border.msg_from_lane_pose(scene.lane_pose, stamp, self._messages.LanePose)
+            self._lane_pose_publisher.publish(pose)
         self._milliseconds = 1e3 * (time.perf_counter() - begin)
         self._reason = '%d obstacles, %d of them in the lane' % (
-            len(obstacles),
-            sum(obstacle.in_lane is not False for obstacle in obstacles),
+            len(scene.obstacles),
+            sum(obstacle.in_lane is not False for obstacle in scene.obstacles),
         )
         self._rate.tick()
 
@@ -76,6 +93,17 @@ class DetectionNode:
         if self._settings.input == 'compressed':
             return border.picture_from_compressed_image(msg)
         return border.picture_from_image(msg)
+
+    def _on_car_cmd(self, msg: Any) -> None:
+        """A command counts from when it is heard: its stamp may be that of the picture that it rests on."""
+        try:
+            command = border.command_from_msg(msg)
+        except border.BorderError as error:
+            node.dropped('car command', error)
+            return
+        now = border.nanoseconds(rospy.Time.now())
+        with self._lock:
+            self._commands = remembered(self._commands, Stamped(now, command))
 
     def _on_camera_info(self, msg: CameraInfo) -> None:
         """Warn when the camera says that it is another one than the calibration's."""

@@ -23,6 +23,7 @@ from obst_avoid.core.types import Decision, LanePose, Obstacle
 from obst_avoid.msg import LaneControl
 from obst_avoid.offline.recording import (
     CAMERA_INFO,
+    CAR_CMD,
     JPEG,
     LANE_POSE,
     RAW,
@@ -131,7 +132,7 @@ class ReplayNode:
         settings = node.private_settings(ReplaySettings)
         self._output = node.path_of_user(settings.output)
         self._recording = _open(settings)
-        self._lane_pose_class = find_messages(settings.msgs_package).LanePose
+        self._messages = find_messages(settings.msgs_package)
         self._answers = Answers(border.footprint_frame(settings.veh))
         self._clock = rospy.Publisher('/clock', Clock, queue_size=10)
         self._publishers = {
@@ -141,7 +142,8 @@ class ReplayNode:
                 queue_size=4,
             ),
             CAMERA_INFO: rospy.Publisher('~camera_info', CameraInfo, queue_size=4),
-            LANE_POSE: rospy.Publisher('~lane_pose', self._lane_pose_class, queue_size=4),
+            LANE_POSE: rospy.Publisher('~lane_pose', self._messages.LanePose, queue_size=4),
+            CAR_CMD: rospy.Publisher('~car_cmd', self._messages.Twist2DStamped, queue_size=10),
         }
         rospy.Subscriber('~posearray', PoseArray, self._answers.on_obstacles, queue_size=100)
         rospy.Subscriber('~lane_control', LaneControl, self._answers.on_lane_control, queue_size=100)
@@ -171,7 +173,7 @@ class ReplayNode:
             rospy.logwarn('%s: the recording has no lane pose: publishing d = phi = 0', rospy.get_name())
         now: Optional[int] = None
         wall = time.monotonic()
-        for index, item in enumerate(messages(recording)):
+        for index, item in enumerate(messages(recording, motion=True)):
             if now is None or item.time < now - 20 * CRAWL:  # the first message, or the recording jumps back
                 now = item.time
             while now + TICK < item.time and not node.ending():
@@ -205,18 +207,26 @@ class ReplayNode:
         if item.role in (JPEG, RAW):
             stamp = border.nanoseconds(item.msg.header.stamp)
             if LANE_POSE not in self._recording.topics:
-                pose = border.msg_from_lane_pose(LanePose(0.0, 0.0), stamp, self._lane_pose_class)
+                pose = border.msg_from_lane_pose(LanePose(0.0, 0.0), stamp, self._messages.LanePose)
                 self._publishers[LANE_POSE].publish(pose)
             self._answers.shows(stamp)
             self._publishers[item.role].publish(item.msg)
-        elif item.role == LANE_POSE and item.msg._type != self._lane_pose_class._type:
+        elif item.role in self._publishers:
             try:
-                stamp, pose = border.nanoseconds(item.msg.header.stamp), border.lane_pose_from_msg(item.msg)
-                self._publishers[LANE_POSE].publish(border.msg_from_lane_pose(pose, stamp, self._lane_pose_class))
+                self._publishers[item.role].publish(self._translated(item))
             except border.BorderError as error:
-                node.dropped('lane pose', error)
-        else:
-            self._publishers[item.role].publish(item.msg)
+                node.dropped(item.role.replace('_', ' '), error)
+
+    def _translated(self, item: Recorded) -> Any:
+        """A message by the class that the nodes use; the recording may have another package's. Raises BorderError."""
+        msg = item.msg
+        if item.role == LANE_POSE and msg._type != self._messages.LanePose._type:
+            stamp = border.nanoseconds(msg.header.stamp)
+            return border.msg_from_lane_pose(border.lane_pose_from_msg(msg), stamp, self._messages.LanePose)
+        if item.role == CAR_CMD and msg._type != self._messages.Twist2DStamped._type:
+            stamp = border.nanoseconds(msg.header.stamp)
+            return border.msg_from_command(border.command_from_msg(msg), stamp, self._messages.Twist2DStamped)
+        return msg
 
     def _report(self) -> None:
         answers = self._answers

@@ -7,8 +7,9 @@ from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, reference_from_decision
+from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import decode_jpeg
-from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Stamped, State
+from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Scene, Stamped, State
 from obst_avoid.sim import world as worlds
 from obst_avoid.sim.renderer import Renderer
 from obst_avoid.sim.scenario import Scenario
@@ -83,7 +84,7 @@ def run(
     tally = _Tally()
     period, pose_period = 1 / settings.picture_rate, 1 / place.pose_errors.rate
     next_picture = next_pose = 0.0
-    waiting: List[Tuple[float, bytes, List[Obstacle], int]] = []
+    waiting: List[Tuple[float, bytes, Scene, int]] = []
     while True:
         now = world.time + 1e-9
         if now >= next_pose:
@@ -100,10 +101,10 @@ def run(
         graph.hear_poses(now)
         while waiting and waiting[0][0] <= now:
             _, data, found, stamp = waiting.pop(0)
-            graph.hear_obstacles(found, stamp, now)
+            graph.hear_obstacles(found.obstacles, stamp, now)
             gap = worlds.gap(world, place)
             tally.look(graph.decision, worlds.truth(world, place), gap, world)
-            watch(Frame(world.time, data, tuple(found), graph.decision, graph.command, world, gap))
+            watch(Frame(world.time, data, tuple(found.obstacles), graph.decision, graph.command, world, gap))
         graph.look(now)
         if graph.spoke:
             world = worlds.command(world, place, graph.command)
@@ -127,15 +128,16 @@ class _Graph:
         self._inputs, self._memory = Inputs(), Memory()
         self._lane_pose: Optional[Stamped[LanePose]] = None
         self._reference: Optional[Stamped[Reference]] = None
+        self._commands: Tuple[Stamped[Command], ...] = ()
         self._decided = self._commanded = 0.0
         self.poses: List[Tuple[float, Stamped[LanePose]]] = []
         self.decision = Decision(State.FAULT, 0.0, 0.0, 'stopping: no obstacle list yet')
         self.command = Command(0.0, 0.0)
         self.spoke = False
 
-    def detect(self, jpeg: bytes, stamp: int) -> List[Obstacle]:
-        obstacles, self._detector = detection.detect(self._detector, decode_jpeg(jpeg), stamp)
-        return obstacles
+    def detect(self, jpeg: bytes, stamp: int) -> Scene:
+        scene, self._detector = detection.detect(self._detector, decode_jpeg(jpeg), stamp, self._commands)
+        return scene
 
     def hear_poses(self, now: float) -> None:
         while self.poses and self.poses[0][0] <= now:
@@ -162,6 +164,7 @@ class _Graph:
     def _control(self, now: float) -> None:
         settings = self._robot.lane_control
         self.command, _ = control(self._lane_pose, self._reference, 0.0, worlds.stamp(now), settings)
+        self._commands = remembered(self._commands, Stamped(worlds.stamp(now), self.command))
         self._commanded, self.spoke = now, True
 
 

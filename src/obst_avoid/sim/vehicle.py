@@ -7,6 +7,7 @@ from typing import Tuple
 import numpy as np
 from shapely.geometry import Polygon
 
+from obst_avoid.core.motion import chord
 from obst_avoid.core.settings import number
 from obst_avoid.core.types import Command
 from obst_avoid.sim.town import WorldPose, world_from_robot
@@ -80,9 +81,8 @@ def driven(pose: WorldPose, v: float, omega: float, dt: float) -> WorldPose:
     """Where an arc of constant speed and turn rate leads in dt s, which may be negative."""
     heading = pose.heading + omega * dt
     middle = (pose.heading + heading) / 2
-    half = omega * dt / 2
-    chord = v * dt * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
-    return WorldPose(pose.x + chord * math.cos(middle), pose.y + chord * math.sin(middle), heading)
+    length = chord(v, omega, dt)
+    return WorldPose(pose.x + length * math.cos(middle), pose.y + length * math.sin(middle), heading)
 
 
 def body(pose: WorldPose, settings: VehicleSettings) -> Polygon:

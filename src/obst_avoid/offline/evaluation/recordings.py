@@ -17,8 +17,9 @@ import cv2
 from obst_avoid.core import detection
 from obst_avoid.core.age import age
 from obst_avoid.core.calibration import CalibrationError
+from obst_avoid.core.motion import LONGEST_HOLD, chord, remembered
 from obst_avoid.core.picture import PictureError
-from obst_avoid.core.types import Array, Box, Command, Obstacle
+from obst_avoid.core.types import Array, Box, Command, Obstacle, Stamped
 from obst_avoid.offline.evaluation.figures import milliseconds, share
 from obst_avoid.offline.evaluation.tally import Tally, count_value
 from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, TRUE_POSE, Recording, messages, picture_of
@@ -39,8 +40,6 @@ uncalibrated robot do only roughly as they are told.
 """
 UNKNOWN_SPEED = 0.4
 """[m/s] the same where nobody says how the robot moved: the fastest Duckiebots, or a turn of 1 rad/s at 0.4 m."""
-COMMAND_AGE = 0.5
-"""[s] for which a command counts: a controller gives at least 10 a second; one that is silent drives no more."""
 LEAST_METRES = 0.1
 """[m] below which "per metre" says nothing: the robot stood."""
 KEPT_SENTENCES = 100
@@ -245,10 +244,13 @@ def _looked_at(
     odometry: Optional[Odometry] = None
     true_pose: Optional[Pose] = None
     before: Optional[Pose] = None
+    commands: Tuple[Stamped[Command], ...] = ()
     for item in messages(recording, motion=True):
         if item.role == CAR_CMD:
             try:
-                odometry = told(odometry, border.command_from_msg(item.msg), item.time)
+                command = border.command_from_msg(item.msg)
+                odometry = told(odometry, command, item.time)
+                commands = remembered(commands, Stamped(item.time, command))
             except border.BorderError as error:
                 complain('%.3f s: %s' % (item.time / 1e9, error))
         elif item.role == TRUE_POSE:
@@ -260,22 +262,22 @@ def _looked_at(
         begin = time.perf_counter()
         try:
             picture = picture_of(item)
-            obstacles, detector = detection.detect(detector, picture, stamp)
+            scene, detector = detection.detect(detector, picture, stamp, commands)
         except (PictureError, CalibrationError) as error:
             counts.broken += 1
             sentence = '%s: %s' % (name, error)
             complain(sentence)
             counts.why_broken += [sentence] if len(counts.why_broken) < KEPT_SENTENCES else []
             continue
-        counts.take(name, item.time, obstacles, time.perf_counter() - begin)
-        for obstacle in obstacles:
+        counts.take(name, item.time, scene.obstacles, time.perf_counter() - begin)
+        for obstacle in scene.obstacles:
             tiles.take(name, picture, obstacle)
         odometry = None if odometry is None else driven(odometry, item.time)
         now = true_pose if TRUE_POSE in recording.motion else None if odometry is None else odometry.pose
         step = None if now is None or before is None else relative(before, now)
         before = now
         counts.metres += 0.0 if step is None else math.hypot(step.x, step.y)
-        yield Seen(stamp, tuple(Sighting(_kind(found), found.x, found.y) for found in obstacles), step)
+        yield Seen(stamp, tuple(Sighting(_kind(found), found.x, found.y) for found in scene.obstacles), step)
 
 
 def _metres_from(recording: Recording) -> Optional[str]:
@@ -305,9 +307,9 @@ def told(odometry: Optional[Odometry], command: Command, now: int) -> Odometry:
 
 def driven(odometry: Odometry, now: int) -> Odometry:
     """Let the robot drive on, an arc, as it was last told. now: [ns]."""
-    seconds = max(0.0, min(age(odometry.time, now), COMMAND_AGE - age(odometry.told, odometry.time)))
+    seconds = max(0.0, min(age(odometry.time, now), LONGEST_HOLD - age(odometry.told, odometry.time)))
     pose, command = odometry.pose, odometry.command
-    turn, length = command.omega * seconds, command.v * seconds
+    turn, length = command.omega * seconds, chord(command.v, command.omega, seconds)
     middle = pose.heading + turn / 2
     moved = Pose(pose.x + length * math.cos(middle), pose.y + length * math.sin(middle), pose.heading + turn)
     return replace(odometry, pose=moved, time=now)

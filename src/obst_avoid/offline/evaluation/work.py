@@ -10,8 +10,9 @@ import cv2
 from obst_avoid.core import detection
 from obst_avoid.core.age import age
 from obst_avoid.core.calibration import CalibrationError
+from obst_avoid.core.motion import LONGEST_HOLD, remembered
 from obst_avoid.core.picture import PictureError, decode_jpeg
-from obst_avoid.core.types import Array, Obstacle
+from obst_avoid.core.types import Array, Command, Obstacle, Stamped
 from obst_avoid.offline.detect_images import json_from_obstacle
 from obst_avoid.offline.evaluation import recordings
 from obst_avoid.offline.evaluation.labels import Detected, LabelledPicture, found_from
@@ -38,7 +39,7 @@ from obst_avoid.offline.evaluation.worst import (
     keep_worst,
 )
 from obst_avoid.offline.pictures import read_jpeg
-from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recording, messages, picture_of, readable
+from obst_avoid.offline.recording import CAR_CMD, JPEG, RAW, Recorded, Recording, messages, picture_of, readable
 from obst_avoid.offline.tool import ToolError, why_os
 from obst_avoid.ros import border
 
@@ -120,8 +121,8 @@ def _look_at_files(job: Job, task: Task, broken: Broken) -> Iterator[Looked]:
                 begin = time.perf_counter()
                 decoded = decode_jpeg(jpeg)
                 detector = _detector(run, decoded)
-                obstacles, _ = detection.detect(detector, decoded, None)
-                detected.append(_detected(obstacles, time.perf_counter() - begin))
+                scene, _ = detection.detect(detector, decoded, None)
+                detected.append(_detected(scene.obstacles, time.perf_counter() - begin))
             _check_size(picture, decoded)
         except (PictureError, CalibrationError, ToolError, OSError) as error:
             broken.add(path, _why(error))
@@ -135,12 +136,12 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
     assert recording is not None
     unseen = {picture.source.number: picture for picture in task.pictures if picture.source is not None}
     number, why = -1, 'not in the recording'
-    command: Optional[Tuple[int, float]] = None
+    commands: Tuple[Stamped[Command], ...] = ()
     try:
         detectors = [_detector(run, None) for run in job.runs]
         for item in messages(recording, motion=True):
             if item.role == CAR_CMD:
-                command = (item.time, _speed(item.msg, command))
+                commands = _told(commands, item)
             if item.role not in (JPEG, RAW):
                 continue
             number += 1
@@ -151,16 +152,16 @@ def _look_at_recording(job: Job, task: Task, broken: Broken) -> Iterator[Looked]
                 for index, detector in enumerate(detectors):
                     begin = time.perf_counter()
                     decoded = picture_of(item)
-                    obstacles, detectors[index] = detection.detect(detector, decoded, stamp)
-                    detected.append(_detected(obstacles, time.perf_counter() - begin))
+                    scene, detectors[index] = detection.detect(detector, decoded, stamp, commands)
+                    detected.append(_detected(scene.obstacles, time.perf_counter() - begin))
                 if picture is not None:
                     _check_size(picture, decoded)
             except (PictureError, CalibrationError, ToolError) as error:
                 broken.add(_name_in(recording, number, stamp), _why(error))
                 continue
             if picture is not None:
-                fresh = command is not None and age(command[0], item.time) <= recordings.COMMAND_AGE
-                yield Looked(picture, tuple(detected), command[1] if command is not None and fresh else None)
+                fresh = commands and age(commands[-1].stamp, item.time) <= LONGEST_HOLD
+                yield Looked(picture, tuple(detected), abs(commands[-1].value.v) if fresh else None)
     except (ToolError, CalibrationError, OSError) as error:
         broken.add(recording.path, _why(error))
         why = 'not reached: its recording cannot be read to the end'
@@ -180,11 +181,12 @@ def _path(picture: LabelledPicture) -> str:
     return picture.name if picture.source is None else picture.source.path
 
 
-def _speed(msg: Any, before: Optional[Tuple[int, float]]) -> float:
+def _told(commands: Sequence[Stamped[Command]], item: Recorded) -> Tuple[Stamped[Command], ...]:
+    """The commands so far and one more. One that cannot be used is none."""
     try:
-        return abs(border.command_from_msg(msg).v)
+        return remembered(commands, Stamped(item.time, border.command_from_msg(item.msg)))
     except border.BorderError:
-        return before[1] if before else 0.0
+        return tuple(commands)
 
 
 def _check_size(picture: LabelledPicture, decoded: Array) -> None:
