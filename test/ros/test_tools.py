@@ -21,7 +21,7 @@ from obst_avoid import msg as messages
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.picture import decode_jpeg
-from obst_avoid.core.types import Command, Kind, LanePose, Stamped
+from obst_avoid.core.types import Box, Command, Kind, LanePose, Obstacle, Stamped
 from obst_avoid.core.types import Scene as Shown
 from obst_avoid.offline import (
     bag_to_images,
@@ -289,6 +289,13 @@ def test_each_tool_has_a_script() -> None:
         script = REPOSITORY / 'scripts' / name
         assert os.access(str(script), os.X_OK)
         assert 'obst_avoid.offline.%s import main' % name in script.read_text()
+
+
+def test_what_a_tracker_remembers_is_no_detection_in_a_picture() -> None:
+    shown = Obstacle(Kind.DUCKIE, 0.5, 0.0, 0.03, True, image_box=Box(1, 2, 3, 4))
+    remembered = Obstacle(Kind.DUCKIE, 0.1, 0.0, 0.03, True, bird_box=Box(1, 2, 3, 4))
+    assert detect_images.in_sight([remembered, shown]) == [shown]
+    assert detect_images.in_sight([]) == []
 
 
 class TestShowSteps:

@@ -13,6 +13,7 @@ from obst_avoid.core.bird_view import (
     BirdViewSettings,
     bird_from_ground,
     crop,
+    footprint_box,
     ground_from_bird,
     image_box_from_bird,
     image_from_bird,
@@ -181,3 +182,19 @@ def test_a_box_is_clipped_to_the_picture(view: BirdView) -> None:
     box = image_box_from_bird(view, everything)
     assert 0 <= box.left and 0 <= box.top and box.right <= 640 and box.bottom == pytest.approx(480, abs=1.0)
     assert box != Box(0, 0, 0, 0)
+
+
+@pytest.mark.parametrize('x, y', [(0.5, 0.0), (0.3, -0.1), (0.1, 0.02), (-0.1, 0.05)])
+def test_the_box_of_a_footprint_stands_where_the_thing_stands(view: BirdView, x: float, y: float) -> None:
+    box = footprint_box(view, x, y, 0.03)
+    corners = [((box.left + box.right - 1) / 2, box.bottom - 0.5), (box.right - 0.5, box.top - 0.5)]
+    middle, right = ground_from_bird(view, np.array(corners))
+    assert tuple(middle) == pytest.approx((x, y), abs=1e-9)
+    assert tuple(right) == pytest.approx((x + 0.06, y - 0.03), abs=1e-9)
+
+
+@pytest.mark.parametrize('x, y', [(0.3, 0.9), (0.3, -0.9), (2.5, 0.0), (9.0, 9.0), (-0.15, 0.0)])
+def test_the_box_of_a_footprint_beside_the_bird_view_stays_a_box(view: BirdView, x: float, y: float) -> None:
+    box = footprint_box(view, x, y, 0.03)
+    assert 0 <= box.left < box.right <= 640
+    assert 0 <= box.top < box.bottom <= 640

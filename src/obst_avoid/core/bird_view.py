@@ -115,6 +115,17 @@ def bird_from_ground(view: BirdView, ground: Array) -> Array:
     return bird
 
 
+def footprint_box(view: BirdView, x: float, y: float, radius: float) -> Box:
+    """Box in the bird view of something that is not seen now, by its footprint.
+
+    x, y: [m] the point of it nearest the robot. The box's sides stay inside the bird view; it may lie below it.
+    """
+    corners = bird_from_ground(view, np.array([[x + 2 * radius, y + radius], [x, y - radius]])) + 0.5
+    (left, top), (right, bottom) = corners.tolist()
+    left = min(max(left, 0.0), view.width - 1.0)
+    return Box(left, max(top, 0.0), max(min(right, float(view.width)), left + 1.0), max(bottom, 1.0))
+
+
 def image_from_bird(view: BirdView, pixels: Array) -> Array:
     """(N, 2) columns u, v of the bird view to (N, 2) columns u, v of the camera picture as it came."""
     points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)

@@ -5,7 +5,7 @@ import json
 import os
 import sys
 import time
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Sequence
 
 import cv2
 
@@ -56,7 +56,7 @@ def _main(options: argparse.Namespace) -> int:
                 'width': picture.shape[1],
                 'height': picture.shape[0],
                 'milliseconds': round(milliseconds, 3),
-                'obstacles': [json_from_obstacle(obstacle) for obstacle in scene.obstacles],
+                'obstacles': [json_from_obstacle(obstacle) for obstacle in in_sight(scene.obstacles)],
             }
         )
         if options.annotated:
@@ -73,6 +73,11 @@ def _main(options: argparse.Namespace) -> int:
     for sentence in broken:
         print('detect_images: %s' % sentence, file=sys.stderr)
     return 1 if broken else 0
+
+
+def in_sight(obstacles: Sequence[Obstacle]) -> List[Obstacle]:
+    """Those that a picture shows: a tracker also remembers what it does not show any more."""
+    return [obstacle for obstacle in obstacles if obstacle.image_box is not None]
 
 
 def json_from_obstacle(obstacle: Obstacle) -> Dict[str, Any]:

@@ -125,7 +125,10 @@ def _picture_box(obstacle: Obstacle, view: BirdView) -> Optional[Box]:
     if obstacle.image_box is not None or obstacle.bird_box is None:
         return obstacle.image_box
     box = obstacle.bird_box
-    corners = np.array([[u, v] for u in (box.left, box.right - 1) for v in (box.top, box.bottom - 1)])
+    if box.top >= view.height:  # remembered, out of sight before the bumper
+        return None
+    bottom = min(box.bottom, view.height)
+    corners = np.array([[u, v] for u in (box.left, box.right - 1) for v in (box.top, bottom - 1)])
     points = np.clip(image_from_bird(view, corners), 0, (view.calibration.width, view.calibration.height))
     left, right = points[:2, 0].max(), points[2:, 0].min()
     if left >= right:  # paint, not a thing: take all of it

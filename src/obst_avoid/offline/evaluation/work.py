@@ -13,7 +13,7 @@ from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.motion import LONGEST_HOLD, remembered
 from obst_avoid.core.picture import PictureError, decode_jpeg
 from obst_avoid.core.types import Array, Command, Obstacle, Stamped
-from obst_avoid.offline.detect_images import json_from_obstacle
+from obst_avoid.offline.detect_images import in_sight, json_from_obstacle
 from obst_avoid.offline.evaluation import recordings
 from obst_avoid.offline.evaluation.labels import Detected, LabelledPicture, found_from
 from obst_avoid.offline.evaluation.matching import Judged, judge
@@ -201,7 +201,7 @@ def _why(error: BaseException) -> str:
 
 def _detected(obstacles: Sequence[Obstacle], seconds: float) -> Detected:
     """As if it had been written to a detections file and read again, rounded in the same way."""
-    found = (found_from(json_from_obstacle(obstacle)) for obstacle in obstacles)
+    found = (found_from(json_from_obstacle(obstacle)) for obstacle in in_sight(obstacles))
     return Detected(tuple(item for item in found if item is not None), round(1e3 * seconds, 3))
 
 

@@ -1,0 +1,1 @@
+"""The robust profile: ours, for real robots in any light."""
