@@ -1,0 +1,155 @@
+import functools
+
+import cv2
+import numpy as np
+import pytest
+
+from obst_avoid.core.calibration import Calibration, scaled
+from obst_avoid.core.detection.robust.lines import (
+    LEAST_CROSSINGS,
+    LINEAR,
+    Line,
+    LineSampling,
+    find_crossings,
+    find_lines,
+    make_sampling,
+)
+from obst_avoid.core.types import Array
+from unit import drawn
+from unit.shipped import default_calibration
+
+ROAD = LINEAR[list(drawn.ASPHALT)]
+HALF = drawn.LANE_WIDTH / 2
+WHITE_RIGHT = -HALF - drawn.WHITE_WIDTH / 2
+YELLOW = HALF + drawn.YELLOW_WIDTH / 2
+WHITE_LEFT = HALF + drawn.YELLOW_WIDTH + drawn.LANE_WIDTH + drawn.WHITE_WIDTH / 2
+MIDDLES = {'white right': WHITE_RIGHT, 'yellow': YELLOW, 'white left': WHITE_LEFT}
+"""[m] left of our lane's middle."""
+
+
+@functools.lru_cache(maxsize=1)
+def calibration() -> Calibration:
+    return default_calibration()
+
+
+@functools.lru_cache(maxsize=1)
+def sampling() -> LineSampling:
+    return make_sampling(calibration())
+
+
+@functools.lru_cache(maxsize=16)
+def lines_at(d: float = 0.0, phi: float = 0.0, stop_line: float = float('inf')):
+    picture = drawn.draw(drawn.Scene(stop_line=stop_line), calibration(), drawn.RobotPose(0, d, phi))
+    return find_lines(picture, sampling(), ROAD)
+
+
+def left_of_middle(line: Line, d: float, phi: float) -> float:
+    """[m] of a line's crossings left of our lane's middle, on the average, by the robot's true pose."""
+    return float(np.mean(d + np.sin(phi) * line.x + np.cos(phi) * line.y))
+
+
+@pytest.mark.parametrize('d', [-0.08, 0.0, 0.05])
+@pytest.mark.parametrize('phi', [-0.4, 0.0, 0.25])
+def test_lines_lie_where_they_were_drawn(d, phi):
+    """Within 3 mm, less than a sample."""
+    found = {name: [] for name in MIDDLES}
+    for line in lines_at(d, phi):
+        middle = left_of_middle(line, d, phi)
+        name = min(MIDDLES, key=lambda one: abs(MIDDLES[one] - middle))
+        assert middle == pytest.approx(MIDDLES[name], abs=0.003), name
+        found[name].append(line)
+    assert len(found['white right']) == len(found['yellow']) == 1, found
+    for name, lines in found.items():
+        for line in lines:
+            assert np.arctan(line.b) == pytest.approx(-phi, abs=0.03), name
+            assert line.width == pytest.approx(0.025 if name == 'yellow' else 0.048, rel=0.25), name
+
+
+def test_yellow_is_less_blue_than_white():
+    lines = sorted(lines_at(), key=lambda line: line.width)
+    assert lines[0].blueness < 0.5
+    assert all(line.blueness > 0.85 for line in lines[1:])
+
+
+def test_a_line_knows_where_it_was_seen():
+    for line in lines_at():
+        assert line.count == len(line.x) == len(line.y) >= LEAST_CROSSINGS
+        assert (line.begin, line.end) == (line.x[0], line.x[-1])
+        assert 0.1 < line.begin < line.end < 1.4
+        assert line.residual < 0.004
+        assert (np.linalg.eigvalsh(line.covariance) > 0).all()
+
+
+def test_a_red_stop_line_is_none():
+    straight, stopped = lines_at(), lines_at(stop_line=0.4)
+    ahead = [line for line in stopped if abs(line.b) > 1]
+    assert not ahead
+    assert len(stopped) <= len(straight) + 1
+
+
+def mirrored(picture: Array) -> Array:
+    return np.ascontiguousarray(picture[:, ::-1])
+
+
+def test_a_mirrored_picture_has_mirrored_crossings():
+    """The default camera looks straight ahead from the robot's middle, which half a pixel lies beside the picture's."""
+    picture = drawn.draw(drawn.Scene(), calibration(), drawn.RobotPose(0, 0.03, 0.1))
+    one, other = find_crossings(picture, sampling(), ROAD), find_crossings(mirrored(picture), sampling(), ROAD)
+    assert len(one.x) == pytest.approx(len(other.x), abs=0.1 * len(one.x))
+    apart = np.hypot(one.x[:, None] - other.x, one.y[:, None] + other.y).min(axis=1)
+    assert np.median(apart) < 0.004
+
+
+def light(picture: Array, blue: float, green: float, red: float) -> Array:
+    """The same picture in light of another colour."""
+    linear = (LINEAR[picture] * (blue, green, red)).clip(0, 1)
+    return np.rint(255 * linear ** (1 / 2.2)).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    'color',
+    [(1, 1, 1), (0.4, 0.7, 1), (0.7, 0.45, 1), (1, 0.33, 0.16), (0.22, 1, 0.22), (0.2, 0.16, 1), (0.05, 0.05, 0.05)],
+    ids=['white', 'warm', 'pink', 'blue', 'green', 'red', 'dim'],
+)
+def test_lines_are_found_in_light_of_any_color(color):
+    picture = light(drawn.draw(drawn.Scene(), calibration(), drawn.RobotPose()), *color)
+    lines = find_lines(picture, sampling(), ROAD * color)
+    middles = [left_of_middle(line, 0, 0) for line in lines]
+    for wanted in (WHITE_RIGHT, YELLOW):
+        assert min(abs(middle - wanted) for middle in middles) < 0.004, middles
+
+
+def test_half_a_picture_gives_the_same_lines():
+    picture = drawn.draw(drawn.Scene(), calibration(), drawn.RobotPose())
+    half = cv2.resize(picture, (320, 240), interpolation=cv2.INTER_AREA)
+    small = make_sampling(scaled(calibration(), 320, 240))
+    middles = [left_of_middle(line, 0, 0) for line in find_lines(half, small, ROAD)]
+    for wanted in (WHITE_RIGHT, YELLOW):
+        assert min(abs(middle - wanted) for middle in middles) < 0.006, middles
+
+
+@pytest.mark.parametrize('value', [0, 60, 255])
+def test_a_plain_picture_has_no_lines(value):
+    picture = np.full((480, 640, 3), value, np.uint8)
+    assert find_lines(picture, sampling(), LINEAR[[value] * 3]) == []
+
+
+@pytest.mark.parametrize('road', [ROAD, np.zeros(3), np.ones(3)], ids=['right', 'black', 'white'])
+def test_noise_does_no_harm(road):
+    random = np.random.RandomState(3)
+    for _ in range(3):
+        find_lines(random.randint(0, 256, (480, 640, 3)).astype(np.uint8), sampling(), road)
+    grain = np.clip(60 + 4 * random.standard_normal((480, 640, 3)), 0, 255).astype(np.uint8)
+    assert find_lines(grain, sampling(), ROAD) == []
+
+
+def test_a_road_that_is_not_known_gives_no_lines():
+    picture = drawn.draw(drawn.Scene(), calibration(), drawn.RobotPose())
+    with np.errstate(invalid='ignore'):
+        assert find_lines(picture, sampling(), np.full(3, np.nan)) == []
+
+
+def test_a_picture_gives_the_same_answer_twice():
+    picture = drawn.draw(drawn.Scene(), calibration(), drawn.RobotPose(0, 0.02, -0.1))
+    one, other = find_lines(picture, sampling(), ROAD), find_lines(picture, make_sampling(calibration()), ROAD)
+    assert [(line.a, line.b, line.c) for line in one] == [(line.a, line.b, line.c) for line in other]
