@@ -10,7 +10,7 @@ setup(
     python_requires='>=3.8',
     packages=find_packages('src'),
     package_dir={'': 'src'},
-    package_data={'obst_avoid.offline.evaluation': ['*.html']},
+    package_data={'obst_avoid.offline.evaluation': ['*.html'], 'obst_avoid.core.detection.robust': ['*.npz']},
     install_requires=['numpy>=1.17', 'opencv-python-headless>=4.2,<5', 'scikit-image>=0.16', 'PyYAML'],
     extras_require={'sim': ['moderngl', 'shapely', 'scipy']},
 )

@@ -3,17 +3,18 @@
 import argparse
 import os
 import sys
-from typing import Any, Dict
+from typing import Any, Dict, Iterator
 
 import cv2
 
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import CalibrationError
+from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.picture import PictureError
 from obst_avoid.offline import tool
 from obst_avoid.offline.pictures import read_picture
 from obst_avoid.viz.overlay import contact_sheet
-from obst_avoid.viz.steps import paper_steps
+from obst_avoid.viz.steps import paper_steps, robust_steps
 
 
 def main(arguments: Any = None) -> int:
@@ -43,14 +44,30 @@ def _main(options: argparse.Namespace) -> int:
             print('show_steps: %s' % (tool.why_os(error) if isinstance(error, OSError) else error), file=sys.stderr)
             broken += 1
             continue
-        panels = paper_steps(picture, stages, seen.view)
+        robust = seen.camera is not None
+        panels = (
+            robust_steps(picture, stages, seen.view, seen.camera) if robust else paper_steps(picture, stages, seen.view)
+        )
         folder = os.path.join(options.output, stems[path])
         os.makedirs(folder, exist_ok=True)
         for name, panel in panels:
             cv2.imwrite(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)
         cv2.imwrite(os.path.join(folder, 'contact_sheet.png'), contact_sheet(panels, columns=3, width=480))
-        for blob in stages['blobs']:
-            left, bottom = blob.box.left, blob.box.bottom
-            print('%s (%d, %d) %s: %s' % (path, left, bottom, blob.kind.value, blob.refused or 'accepted'))
+        for sentence in _why_robust(stages) if robust else _why_paper(stages):
+            print('%s %s' % (path, sentence))
     print('%d pictures: %s' % (len(files) - broken, options.output))
     return 1 if broken else 0
+
+
+def _why_paper(stages: Dict[str, Any]) -> Iterator[str]:
+    """A sentence for each blob: where it is, and why it is no obstacle."""
+    for blob in stages['blobs']:
+        yield '(%d, %d) %s: %s' % (blob.box.left, blob.box.bottom, blob.kind.value, blob.refused or 'accepted')
+
+
+def _why_robust(stages: Dict[str, Any]) -> Iterator[str]:
+    """A sentence for each candidate: where it is, how sure, and the measurements that moved that most."""
+    for item in stages['candidates']:
+        moved = trees.reasons(trees.shipped()['thing'], stages['values'][item.row])
+        reasons = ', '.join('%s %+.1f' % reason for reason in moved)
+        yield '(%d, %d) %s %.2f: %s' % (item.box.left, item.box.bottom, item.kind.value, item.confidence, reasons)

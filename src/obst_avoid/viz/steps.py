@@ -1,13 +1,17 @@
-"""Every intermediate picture of the profile `paper`, from what its trace recorded."""
+"""Every intermediate picture of a profile, from what its trace recorded."""
 
-from typing import Any, List, Mapping, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from obst_avoid.core.bird_view import BirdView
+from obst_avoid.core.bird_view import BirdView, bird_from_ground, crop, warp
 from obst_avoid.core.detection.paper.detector import search_line
 from obst_avoid.core.detection.paper.shape import Blob
+from obst_avoid.core.detection.robust.judgement import Candidate
+from obst_avoid.core.detection.robust.lane import Lane
+from obst_avoid.core.detection.robust.lines import Line
+from obst_avoid.core.detection.robust.view import View
 from obst_avoid.core.types import Array, Kind
 from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture, label
 
@@ -36,6 +40,71 @@ def paper_steps(picture: Array, stages: Mapping[str, Any], view: BirdView) -> Li
         ('11 obstacles, search lines', boxed),
         ('12 result', draw_on_picture(picture, obstacles, view)),
     ]
+
+
+def robust_steps(picture: Array, stages: Mapping[str, Any], view: BirdView, camera: View) -> List[Tuple[str, Array]]:
+    """(name, picture) of each step in order. picture: as the camera gave it. stages: by name, as traced."""
+    _, seen = stages['light']
+    regions, (lines, lane) = stages['regions'], stages['lane']
+    toned = np.clip(255 * (seen / 4) ** (1 / 2.2), 0, 255).astype(np.uint8)
+    bird = warp(crop(picture, view), view)
+    return [
+        ('1 picture', picture),
+        ('2 light relative to the asphalt', toned),
+        ('3 levels of yellow', _levels(regions.yellow, camera)),
+        ('4 levels of yellow, paint cut off', _levels(regions.wide, camera)),
+        ('5 regions at all levels', _draw_regions(toned, regions.box)),
+        ('6 candidates', _draw_candidates(picture, stages['candidates'])),
+        ('7 lines of tape', _draw_lines(bird, view, lines, None)),
+        ('8 our lane', _draw_lines(bird, view, lines, lane)),
+        ('9 obstacles', draw_on_bird_view(bird, stages['obstacles'])),
+        ('10 result', draw_on_picture(picture, stages['obstacles'], view)),
+    ]
+
+
+def _levels(levels: Array, camera: View) -> Array:
+    drawn = np.zeros((camera.height, camera.width), dtype=np.uint8)
+    drawn[camera.top :] = np.minimum(levels.astype(np.int64) * 12, 255)
+    colored: Array = cv2.applyColorMap(drawn, cv2.COLORMAP_INFERNO)
+    return colored
+
+
+def _draw_regions(toned: Array, boxes: Array) -> Array:
+    drawn: Array = (toned // 2).astype(np.uint8)
+    for left, top, width, height in boxes.astype(int):
+        cv2.rectangle(drawn, (left, top), (left + width - 1, top + height - 1), (200, 200, 0), 1)
+    return drawn
+
+
+def _draw_candidates(picture: Array, candidates: Sequence[Candidate]) -> Array:
+    drawn: Array = picture.copy()
+    for item in sorted(candidates, key=lambda item: item.confidence):
+        color = ACCEPTED if item.confidence >= 0.5 else REFUSED
+        corners = [int(round(value)) for value in (item.box.left, item.box.top, item.box.right, item.box.bottom)]
+        cv2.rectangle(drawn, tuple(corners[:2]), tuple(corners[2:]), color, 1)
+        label(drawn, '%.2f' % item.confidence, (item.box.left, item.box.top), color, 0.4)
+    return drawn
+
+
+def _draw_lines(bird: Array, view: BirdView, lines: Sequence[Line], lane: Optional[Lane]) -> Array:
+    """Each line's crossings and curve; with a lane, its two boundaries only."""
+    drawn: Array = bird.copy()
+    sides = () if lane is None else ((lane.left, (0, 220, 255)), (lane.right, (255, 255, 255)))
+    pieces = [(line, color) for side, color in sides if side is not None for line in side.pieces]
+    for line, color in pieces or ([(line, (80, 220, 80)) for line in lines] if lane is None else []):
+        dots = bird_from_ground(view, np.column_stack([line.x, line.y]))
+        for u, v in np.rint(dots).astype(int):
+            cv2.circle(drawn, (int(u), int(v)), 2, color, -1)
+        if len(dots) > 1:
+            cv2.polylines(drawn, [np.rint(dots[np.argsort(line.x)]).astype(np.int32)], False, color, 1)
+    if lane is not None:
+        words = 'd %.3f m, phi %.0f deg, curvature %.1f /m' % (
+            lane.pose.d,
+            np.degrees(lane.pose.phi),
+            lane.pose.curvature,
+        )
+        label(drawn, words, (8, 24), (255, 255, 255), 0.5)
+    return drawn
 
 
 def _draw_blobs(bird: Array, blobs: Sequence[Blob]) -> Array:

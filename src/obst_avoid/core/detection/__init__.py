@@ -1,7 +1,7 @@
 """From a picture to what it shows, by the profile that the settings name.
 
-A profile is one package beside this file with a `detect` like paper's and an empty state; `start` and `detect`
-below are the only places that know the profiles' names.
+A profile is one package beside this file with a `detect` and an empty state; `start`, `detect` and `_camera` below are
+the only places that know the profiles' names.
 """
 
 from dataclasses import dataclass, replace
@@ -10,6 +10,8 @@ from typing import Any, Optional, Sequence, Tuple
 from obst_avoid.core.bird_view import BirdView, make_bird_view
 from obst_avoid.core.calibration import Calibration, scaled
 from obst_avoid.core.detection.paper import detector as paper
+from obst_avoid.core.detection.robust import detector as robust
+from obst_avoid.core.detection.robust.view import View, make_view
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.types import Array, Command, Scene, Stamped, Trace, no_trace
 
@@ -18,20 +20,22 @@ from obst_avoid.core.types import Array, Command, Scene, Stamped, Trace, no_trac
 class Detector:
     """Everything that one detection needs beside the picture.
 
-    view: for the size of the latest picture. state: of the profile, from the pictures before. newest: [ns] stamp of
-    the latest of these.
+    view, camera: for the size of the latest picture, the report's bird view and what else the profile robust needs.
+    state: of the profile, from the pictures before. newest: [ns] stamp of the latest of these.
     """
 
     calibration: Calibration
     settings: DetectionSettings
     view: BirdView
+    camera: Optional[View]
     state: Any
     newest: Optional[int] = None
 
 
 def start(calibration: Calibration, settings: DetectionSettings) -> Detector:
     """A detector that has seen nothing yet. Raises CalibrationError."""
-    return Detector(calibration, settings, make_bird_view(calibration, settings.bird_view), paper.PaperState())
+    view = make_bird_view(calibration, settings.bird_view)
+    return Detector(calibration, settings, view, _camera(calibration, settings), _nothing_seen(settings))
 
 
 def detect(
@@ -53,10 +57,23 @@ def detect(
     another aspect than the calibration.
     """
     height, width = picture.shape[:2]
-    view = detector.view
+    settings, view, camera = detector.settings, detector.view, detector.camera
     if (view.calibration.width, view.calibration.height) != (width, height):
-        view = make_bird_view(scaled(detector.calibration, width, height), detector.settings.bird_view)
+        calibration = scaled(detector.calibration, width, height)
+        view, camera = make_bird_view(calibration, settings.bird_view), _camera(calibration, settings)
     alone = stamp is None or (detector.newest is not None and stamp < detector.newest)
-    state = paper.PaperState() if alone else detector.state
-    obstacles, state = paper.detect(picture, view, detector.settings.paper, state, stamp, trace)
-    return Scene(obstacles), replace(detector, view=view, state=state, newest=stamp)
+    state = _nothing_seen(settings) if alone else detector.state
+    if camera is None:
+        obstacles, state = paper.detect(picture, view, settings.paper, state, stamp, trace)
+        scene = Scene(obstacles)
+    else:
+        scene, state = robust.detect(picture, view, camera, settings.robust, state, stamp, commands, trace)
+    return scene, replace(detector, view=view, camera=camera, state=state, newest=stamp)
+
+
+def _camera(calibration: Calibration, settings: DetectionSettings) -> Optional[View]:
+    return make_view(calibration) if settings.profile == 'robust' else None
+
+
+def _nothing_seen(settings: DetectionSettings) -> Any:
+    return robust.RobustState() if settings.profile == 'robust' else paper.PaperState()

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 from obst_avoid.core.bird_view import BirdViewSettings
 from obst_avoid.core.detection.paper.settings import PaperSettings
+from obst_avoid.core.detection.robust.settings import RobustSettings
 from obst_avoid.core.settings import choice, group, number
 
-PROFILES = ('paper',)
+PROFILES = ('robust', 'paper')
 
 
 @dataclass(frozen=True)
@@ -16,4 +17,5 @@ class DetectionSettings:
     profile: str = choice(*PROFILES)
     picture_age_limit: float = number('s', above=0)
     bird_view: BirdViewSettings = group(BirdViewSettings)
+    robust: RobustSettings = group(RobustSettings)
     paper: PaperSettings = group(PaperSettings)

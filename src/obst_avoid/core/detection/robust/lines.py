@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from obst_avoid.core.calibration import Calibration, horizon_row
+from obst_avoid.core.detection.robust.light import LINEAR
 from obst_avoid.core.geometry import ground_from_pixel, image_from_rectified, pixel_from_ground
 from obst_avoid.core.types import Array
 
@@ -81,8 +82,6 @@ KERNEL = (np.concatenate([-np.ones(LOBE), [0], np.ones(LOBE)])[None] / LOBE).ast
 """Finds the steps of brightness along a scan."""
 SEED = 1
 """Of the trials."""
-LINEAR = (((np.arange(256) + 1) / 256) ** 2.2).astype(np.float32)
-"""Light of a grey value."""
 
 
 @dataclass(frozen=True, eq=False)

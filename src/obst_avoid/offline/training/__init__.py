@@ -1,0 +1,1 @@
+"""How the trees of the profile robust are grown from labelled pictures."""

@@ -1,0 +1,148 @@
+"""Samples to forests, by gradient boosting with XGBoost, and the file that the detector loads."""
+
+import json
+from typing import Any, Dict, List, Optional, Sequence
+
+import numpy as np
+import xgboost
+
+from obst_avoid.core.detection.robust.features import NAMES
+from obst_avoid.core.detection.robust.trees import FIRST, Forest, summed
+from obst_avoid.core.types import Array
+from obst_avoid.offline.training.samples import Samples
+
+SAME, OTHER = 0.55, 0.3
+"""[intersection over union] from which a region is the thing, and below which it is a wrong box of it."""
+SHARE, HARD = 0.1, -3.0
+"""Share of what is no thing that a first forest sees; what it does not put below HARD, the second one sees."""
+TREES, FIRST_TREES, FEW_TREES = 600, 60, 60
+"""Of the judgement, of the search for hard regions, and of the other forests."""
+GROWING: Dict[str, Any] = {
+    'tree_method': 'hist',
+    'grow_policy': 'lossguide',
+    'max_depth': 0,
+    'max_leaves': 24,
+    'max_bin': 64,
+    'eta': 0.06,
+    'lambda': 5.0,
+    'min_child_weight': 8.0,
+    'subsample': 0.7,
+    'colsample_bytree': 0.3,
+    'seed': 1,
+}
+SAFE = 0.001
+"""Share of true things that dropping hopeless regions early may lose."""
+
+
+def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
+    """The forests thing, cone, foot and radius."""
+    values = np.concatenate([item.values for item in samples])
+    overlap = np.concatenate([item.overlap for item in samples])
+    ignored = np.concatenate([item.ignored for item in samples])
+    touches = np.concatenate([item.touches for item in samples])
+    true = (overlap >= SAME) & ~ignored
+    wrong = (~touches | (overlap < OTHER)) & ~ignored & ~true
+    random = np.random.RandomState(0)
+    sampled = random.rand(len(values)) < SHARE
+    quick = _boosted('binary:logistic', values, true, true | (wrong & sampled), None, FIRST_TREES, threads, eta=0.1)
+    hard = _predicted(quick, values) > HARD
+    used = true | (wrong & (hard | sampled))
+    weight = np.where(wrong & ~hard, 1 / SHARE, 1.0)
+    thing = forest_of(_boosted('binary:logistic', values, true, used, weight, TREES, threads))
+    early = thing.base + partial(thing, values[true])
+    cone = np.concatenate([item.cone for item in samples])
+    foot = np.concatenate([item.foot for item in samples])
+    radius = np.concatenate([item.radius for item in samples])
+    few = {'max_leaves': 8, 'eta': 0.1}
+    return {
+        'thing': Forest(**{**thing.__dict__, 'hopeless': float(np.quantile(early, SAFE))}),
+        'cone': forest_of(_boosted('binary:logistic', values, cone, true, None, FEW_TREES, threads, **few)),
+        'foot': forest_of(
+            _boosted('reg:squarederror', values, foot, true & (np.abs(foot) < 0.5), None, FEW_TREES, threads, **few)
+        ),
+        'radius': forest_of(
+            _boosted('reg:squarederror', values, radius, true & (np.abs(radius) < 2), None, FEW_TREES, threads, **few)
+        ),
+    }
+
+
+def partial(forest: Forest, values: Array) -> Array:
+    """Sum of the first trees alone, without the base."""
+    parts = (forest.feature, forest.threshold, forest.left, forest.right, forest.value)
+    first = Forest(*(part[:FIRST] for part in parts), 0.0, forest.depth)
+    return np.concatenate([summed(first, part) for part in np.array_split(values, max(1, len(values) // 2000))])
+
+
+def forest_of(booster: 'xgboost.Booster') -> Forest:
+    """XGBoost's trees as arrays. Its leaves hold values, its inner nodes send smaller values to the left."""
+    dumped = [_nodes(json.loads(tree)) for tree in booster.get_dump(dump_format='json')]
+    trees, most = len(dumped), 1 + max(node['nodeid'] for nodes in dumped for node in nodes)
+    feature = np.zeros((trees, most), dtype=np.int16)
+    threshold = np.zeros((trees, most), dtype=np.float32)
+    left = np.tile(np.arange(most, dtype=np.int16), (trees, 1))
+    right, value = left.copy(), np.zeros((trees, most), dtype=np.float32)
+    for tree, nodes in enumerate(dumped):
+        for node in nodes:
+            at = tree, node['nodeid']
+            if 'leaf' in node:
+                value[at] = node['leaf']
+                continue
+            feature[at], threshold[at] = int(node['split'][1:]), node['split_condition']
+            left[at], right[at] = node['yes'], node['no']
+    base = float(booster.predict(xgboost.DMatrix(np.zeros((1, len(NAMES)), np.float32)), output_margin=True)[0])
+    forest = Forest(feature, threshold, left, right, value, 0.0, _depth(left, right))
+    base -= float(summed(forest, np.zeros((1, len(NAMES)), np.float32))[0])
+    return Forest(feature, threshold, left, right, value, base, forest.depth)
+
+
+def _nodes(tree: Dict[str, Any]) -> List[Dict[str, Any]]:
+    """A tree and all its branches."""
+    return [tree] + [node for branch in tree.get('children', ()) for node in _nodes(branch)]
+
+
+def write(forests: Dict[str, Forest], path: str) -> None:
+    """As trees.shipped reads it."""
+    arrays: Dict[str, Any] = {'names': np.array(NAMES)}
+    for name, forest in forests.items():
+        for part in ('feature', 'threshold', 'left', 'right', 'value'):
+            kind = np.int16 if part in ('feature', 'left', 'right') else np.float32
+            arrays['%s_%s' % (name, part)] = getattr(forest, part).astype(kind)
+        arrays[name + '_base'] = np.array([forest.base, forest.depth, forest.hopeless])
+    np.savez_compressed(path, **arrays)
+
+
+def _boosted(
+    objective: str,
+    values: Array,
+    target: Array,
+    used: Array,
+    weight: Optional[Array],
+    trees: int,
+    threads: int,
+    **changes: Any,
+) -> 'xgboost.Booster':
+    data = xgboost.DMatrix(
+        values[used], target[used].astype(np.float32), weight=None if weight is None else weight[used]
+    )
+    settings = {**GROWING, 'objective': objective, 'nthread': threads, **changes}
+    return xgboost.train(settings, data, trees)
+
+
+def _predicted(booster: 'xgboost.Booster', values: Array) -> Array:
+    parts = np.array_split(values, max(1, len(values) // 100000))
+    return np.concatenate([booster.predict(xgboost.DMatrix(part), output_margin=True) for part in parts])
+
+
+def _depth(left: Array, right: Array) -> int:
+    """Steps until every tree's way has ended in a leaf."""
+    reached = np.zeros(left.shape, dtype=np.int64)
+    depth = np.zeros(left.shape, dtype=np.int64)
+    reached[:, 0] = 1
+    trees = np.arange(len(left))
+    for node in range(left.shape[1]):
+        inner = (left[:, node] != node) & (reached[:, node] == 1)
+        for side in (left, right):
+            child = side[:, node]
+            depth[trees[inner], child[inner]] = depth[trees[inner], node] + 1
+            reached[trees[inner], child[inner]] = 1
+    return int(depth.max())
