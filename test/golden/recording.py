@@ -1,6 +1,6 @@
 """The drawn recording and how it runs through detector and avoider; shared by the test and by refresh.py."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
@@ -43,7 +43,8 @@ FRAMES: List[Tuple[Tuple[Any, ...], RobotPose]] = [
 def replayed() -> List[Dict[str, Any]]:
     """What detector and avoider answer to each picture, ready for JSON."""
     calibration = shipped.default_calibration()
-    detector, memory, rules = start(calibration, shipped.detection_settings()), Memory(), shipped.avoidance_settings()
+    paper = replace(shipped.detection_settings(), profile='paper')
+    detector, memory, rules = start(calibration, paper), Memory(), shipped.avoidance_settings()
     answers = []
     for number, (things, pose) in enumerate(FRAMES):
         stamp = START + number * STEP

@@ -231,10 +231,10 @@ def test_robots_do_not_run_on_simulated_time() -> None:
 @pytest.mark.parametrize('name', ['obst_avoid.launch', 'replay.launch', 'simulation.launch', 'demo.launch'])
 def test_profile_and_stage_override_the_yaml_only_when_given(name: str) -> None:
     config = load_launch(name, veh='duck1')
-    assert param(config, '/duck1/obstacle_detection_node/profile') == 'paper'
-    assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'avoid_single'
-    config = load_launch(name, veh='duck1', profile='robust', stage='stop_only')
     assert param(config, '/duck1/obstacle_detection_node/profile') == 'robust'
+    assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'avoid_single'
+    config = load_launch(name, veh='duck1', profile='paper', stage='stop_only')
+    assert param(config, '/duck1/obstacle_detection_node/profile') == 'paper'
     assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'stop_only'
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations  # the robot's pytest does not export its fix
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Tuple
@@ -20,6 +21,7 @@ from unit.drawn import Scene, Thing
 from obst_avoid import msg as messages
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.detection.robust.features import NAMES
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.types import Box, Command, Kind, LanePose, Obstacle, Stamped
 from obst_avoid.core.types import Scene as Shown
@@ -170,7 +172,7 @@ class TestDetectImages:
         assert duckies() == [1, 1, 1, 1]
         assert duckies('--sequence')[0] == 0
         assert duckies('--sequence')[-1] == 1
-        assert duckies('--sequence', '--rate', '1') == [0, 0, 0, 0], 'pictures a second apart are not consecutive'
+        assert duckies('--sequence', '--rate', '0.5') == [0, 0, 0, 0], 'pictures 2 s apart are not consecutive'
 
     def test_a_broken_picture_is_named_and_the_others_are_not_lost(
         self, pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture
@@ -299,17 +301,63 @@ def test_what_a_tracker_remembers_is_no_detection_in_a_picture() -> None:
 
 
 class TestShowSteps:
-    def test_each_step_and_a_sheet(self, pictures: Path, tmp_path: Path) -> None:
-        assert show_steps.main([*DEFAULT, '--output', str(tmp_path), str(pictures / 'a.jpg')]) == 0
+    @pytest.mark.parametrize(
+        ('options', 'steps'), [([], 10), (['--profile', 'robust'], 10), (['--profile', 'paper'], 12)]
+    )
+    def test_each_step_and_a_sheet(self, options: List[str], steps: int, pictures: Path, tmp_path: Path) -> None:
+        assert show_steps.main([*DEFAULT, *options, '--output', str(tmp_path), str(pictures / 'a.jpg')]) == 0
         assert os.listdir(tmp_path) == ['a']
         names = sorted(os.listdir(tmp_path / 'a'))
-        assert len(names) == 13
+        assert len(names) == steps + 1
         assert 'contact_sheet.png' in names
-        assert {name.split('_')[0] for name in names if name != 'contact_sheet.png'} == {str(i) for i in range(1, 13)}
+        numbers = {name.split('_')[0] for name in names if name != 'contact_sheet.png'}
+        assert numbers == {str(number) for number in range(1, steps + 1)}
         for name in names:
             picture = cv2.imread(str(tmp_path / 'a' / name))
             assert picture is not None
             assert picture.max() > picture.min()
+
+    def test_robust_says_what_moved_each_candidate(
+        self, pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+    ) -> None:
+        path = str(pictures / 'a.jpg')
+        assert show_steps.main([*DEFAULT, '--profile', 'robust', '--output', str(tmp_path), path]) == 0
+        *lines, last = capsys.readouterr().out.splitlines()
+        assert last == '1 pictures: %s' % tmp_path
+        seen = {}
+        for line in lines:
+            words = re.match(r'%s \((\d+), (\d+)\) (duckie|cone) ([01]\.\d\d): (.*)$' % re.escape(path), line)
+            assert words, line
+            reasons = words.group(5).split(', ')
+            assert 1 <= len(reasons) <= 4
+            for reason in reasons:
+                name, value = reason.split()
+                assert name in NAMES
+                assert re.match(r'[-+]\d+\.\d$', value)
+            seen[words.group(3)] = int(words.group(1)), int(words.group(2)), float(words.group(4))
+        assert set(seen) == {'duckie', 'cone'}
+        for name, thing in (('duckie', DUCKIE), ('cone', CONE)):
+            left, _, _, bottom = box_of(thing)
+            assert seen[name][:2] == pytest.approx((left, bottom), abs=12)
+            assert seen[name][2] >= 0.5
+
+    def test_the_steps_of_robust_show_what_was_found(self, pictures: Path, tmp_path: Path) -> None:
+        for name in ('a', 'b'):
+            assert show_steps.main([*DEFAULT, '--output', str(tmp_path), str(pictures / (name + '.jpg'))]) == 0
+        steps = sorted(path.name for path in (tmp_path / 'a').iterdir())
+        assert steps == sorted(path.name for path in (tmp_path / 'b').iterdir())
+        read = {name: {step: cv2.imread(str(tmp_path / name / step)).astype(int) for step in steps} for name in 'ab'}
+        left, top, right, bottom = box_of(DUCKIE)
+        middle = ((top + bottom) // 2, (left + right) // 2)
+        small = middle[0] // 2, middle[1] // 2
+        for step, at in (
+            ('3_levels_of_yellow.png', small),
+            ('4_levels_of_yellow_paint_cut_off.png', small),
+            ('6_candidates.png', middle),
+            ('10_result.png', middle),
+        ):
+            box = slice(at[0] - 25, at[0] + 25), slice(at[1] - 25, at[1] + 25)
+            assert np.abs(read['a'][step][box] - read['b'][step][box]).max() > 60, step
 
     def test_one_name_in_two_folders(self, tmp_path: Path) -> None:
         paths = []
@@ -433,6 +481,9 @@ class TestRunBag:
                 name: (info.msg_type, info.message_count) for name, info in content.get_type_and_topic_info()[1].items()
             }
             stamps = {name: [nanoseconds(msg) for _, msg, _ in content.read_messages(topics=[name])] for name in topics}
+        kind, poses = topics.pop('/simulated/obstacle_detection_node/lane_pose')
+        assert kind in ('obst_avoid/LanePose', 'duckietown_msgs/LanePose')
+        assert 0.9 * PICTURES <= poses <= PICTURES  # only while lines are seen
         prefix = '/simulated/obstacle_avoidance_node/'
         flag_type = topics[prefix + 'obstacle_avoidance_active_flag'][0]
         assert flag_type in ('obst_avoid/BoolStamped', 'duckietown_msgs/BoolStamped')
@@ -442,6 +493,8 @@ class TestRunBag:
             prefix + 'obstacle_avoidance_active_flag': (flag_type, PICTURES),
         }
         wanted = [10**9 + round(index * 10**9 / 30) for index in range(PICTURES)]
+        posed = stamps.pop('/simulated/obstacle_detection_node/lane_pose')
+        assert posed == [stamp for stamp in wanted if stamp in set(posed)]
         assert all(found == wanted for found in stamps.values())
 
     def test_it_decides_as_core_does(
@@ -497,7 +550,7 @@ class TestRunBag:
         assert (poses[0].d, poses[0].phi, poses[0].curvature) == (0.25, 0.5, 1.0)
 
     def test_the_stage_can_be_chosen(self, tmp_path: Path) -> None:
-        jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.42, -0.07, 0.03),)))
+        jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.42, -0.085, 0.03),)))
         for index in range(8):
             (tmp_path / ('%d.jpg' % index)).write_bytes(jpeg)
         bag = str(tmp_path / 'beside.bag')
@@ -629,7 +682,7 @@ def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert '1' in result['threads']
     for figures in result['threads'].values():
         assert next(iter(figures)) == 'decode'
-        assert len(figures) >= 9
+        assert set(figures) >= {'decode', 'light', 'regions', 'values', 'candidates', 'lane', 'obstacles'}
         for values in figures.values():
             assert 0 < values['median_ms'] <= values['p95_ms'] <= values['p99_ms']
     assert 'x decoding' in capsys.readouterr().out

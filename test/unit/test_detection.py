@@ -1,7 +1,7 @@
 """core.detection: the one entrance, whatever the profile."""
 
 from dataclasses import replace
-from typing import Tuple
+from typing import Any, List, Tuple
 
 import cv2
 import numpy as np
@@ -9,28 +9,48 @@ import pytest
 
 from obst_avoid.core.calibration import Calibration, CalibrationError
 from obst_avoid.core.detection import Detector, detect, start
-from obst_avoid.core.detection.settings import DetectionSettings
-from obst_avoid.core.types import Command, Scene, Stamped
+from obst_avoid.core.detection.settings import PROFILES, DetectionSettings
+from obst_avoid.core.types import Command, Obstacle, Scene, Stamped
 from unit.cameras import Camera, calibration_of
 from unit.scenes import cone, duckie, picture_of
 
 MS = 1_000_000
 
 
+@pytest.fixture(params=PROFILES)
+def settings(request: Any, detection_settings: DetectionSettings) -> DetectionSettings:
+    """As shipped, of each profile."""
+    return replace(detection_settings, profile=request.param)
+
+
 @pytest.fixture
-def detector(calibration: Calibration, detection_settings: DetectionSettings) -> Detector:
-    """As shipped, and has seen nothing yet."""
-    return start(calibration, detection_settings)
+def detector(calibration: Calibration, settings: DetectionSettings) -> Detector:
+    """It has seen nothing yet."""
+    return start(calibration, settings)
 
 
-def test_a_camera_that_sees_no_road_cannot_start(detection_settings: DetectionSettings) -> None:
+def test_the_default_is_robust(detection_settings: DetectionSettings) -> None:
+    assert detection_settings.profile == 'robust'
+
+
+def by_distance(scene: Scene) -> List[Obstacle]:
+    """What was found, the nearest first: the profiles have orders of their own."""
+    return sorted(scene.obstacles, key=lambda one: one.x)
+
+
+def kinds_of(scene: Scene) -> List[str]:
+    """What was found, in the order of the alphabet."""
+    return sorted(one.kind.value for one in scene.obstacles if one.kind is not None)
+
+
+def test_a_camera_that_sees_no_road_cannot_start(settings: DetectionSettings) -> None:
     with pytest.raises(CalibrationError, match='homography has the horizon at row'):
-        start(calibration_of(Camera(pitch=-29.0)), detection_settings)
+        start(calibration_of(Camera(pitch=-29.0)), settings)
 
 
 def test_nothing_is_an_empty_list(detector: Detector, calibration: Calibration) -> None:
-    assert detect(detector, picture_of(calibration), None)[0] == Scene([])
-    assert detect(detector, picture_of(calibration), 0)[0] == Scene([])
+    assert detect(detector, picture_of(calibration), None)[0].obstacles == []
+    assert detect(detector, picture_of(calibration), 0)[0].obstacles == []
 
 
 @pytest.mark.parametrize('size', [(320, 240), (800, 600), (1280, 960)], ids='%dx%d'.__mod__)
@@ -40,10 +60,10 @@ def test_a_picture_of_another_size_gives_the_same_answer(
     picture = picture_of(calibration, (duckie(0.4, 0.02), cone(0.6, -0.05)))
     resized = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if size[0] < 640 else cv2.INTER_LINEAR)
     (plain, _), (found, after) = detect(detector, picture, None), detect(detector, resized, None)
-    assert [one.kind for one in found.obstacles] == [one.kind for one in plain.obstacles]
+    assert kinds_of(found) == kinds_of(plain) == ['cone', 'duckie']
     assert (after.view.calibration.width, after.view.calibration.height) == size
     factor = size[0] / 640
-    for here, there in zip(plain.obstacles, found.obstacles):
+    for here, there in zip(by_distance(plain), by_distance(found)):
         assert (there.x, there.y, there.radius) == pytest.approx((here.x, here.y, here.radius), abs=0.015)
         assert here.image_box is not None and there.image_box is not None
         for name in ('left', 'right', 'bottom'):
@@ -94,11 +114,14 @@ def test_the_detector_given_is_left_alone(detector: Detector, calibration: Calib
     picture = picture_of(calibration, (duckie(0.6, 0.0),))
     before = replace(detector)
     for _ in range(3):
-        assert detect(detector, picture, 0)[0] == Scene([])
+        assert detect(detector, picture, 0)[0].obstacles == []
     assert detector == before
 
 
-def test_the_profile_paper_takes_no_notice_of_the_robots_motion(detector: Detector, calibration: Calibration) -> None:
+def test_the_profile_paper_takes_no_notice_of_the_robots_motion(
+    calibration: Calibration, detection_settings: DetectionSettings
+) -> None:
+    detector = start(calibration, replace(detection_settings, profile='paper'))
     commands = (Stamped(-100 * MS, Command(0.4, 3.0)),)
     for told in ((), commands):
         now = detector
