@@ -138,3 +138,9 @@ def test_no_time_and_time_backwards_change_nothing() -> None:
     before = Light((0.1, 0.2, 0.3))
     for seconds in (0.0, -5.0):
         assert followed(before, Light((0.9, 0.001, 0.5)), seconds).road == pytest.approx(before.road)
+
+
+@pytest.mark.parametrize('size', [(4, 3), (8, 6), (12, 9), (20, 15)], ids='%dx%d'.__mod__)
+def test_a_picture_of_a_few_pixels_has_a_light_too(size: Tuple[int, int]) -> None:
+    picture = np.random.RandomState(1).randint(0, 256, (size[1], size[0], 3)).astype(np.uint8)
+    assert np.isfinite(estimate_light(picture).as_array()).all()
