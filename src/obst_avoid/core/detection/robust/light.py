@@ -45,7 +45,8 @@ def estimate_light(picture: Array) -> Light:
     sample = LINEAR[part]
     brightness = sample.sum(axis=1)
     low, high = np.percentile(brightness, (DARKER, BRIGHTER))
-    blue, green, red = np.median(sample[(brightness >= low) & (brightness <= high)], axis=0)
+    between = sample[(brightness >= low) & (brightness <= high)]
+    blue, green, red = np.median(between if len(between) else sample, axis=0)  # none in a picture of a few pixels
     least = float(DARKEST**2.2)
     return Light((max(float(blue), least), max(float(green), least), max(float(red), least)))
 
