@@ -103,7 +103,7 @@ def _draw_lines(bird: Array, view: BirdView, lines: Sequence[Line], lane: Option
             np.degrees(lane.pose.phi),
             lane.pose.curvature,
         )
-        label(drawn, words, (8, 24), (255, 255, 255), 0.5)
+        label(drawn, words, (8, 24), (60, 60, 60), 0.5)
     return drawn
 
 

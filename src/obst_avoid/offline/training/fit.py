@@ -1,13 +1,14 @@
 """Samples to forests, by gradient boosting with XGBoost, and the file that the detector loads."""
 
 import json
-from typing import Any, Dict, List, Optional, Sequence
+from dataclasses import replace
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import xgboost
 
 from obst_avoid.core.detection.robust.features import NAMES
-from obst_avoid.core.detection.robust.trees import FIRST, Forest, summed
+from obst_avoid.core.detection.robust.trees import STAGES, Forest, summed
 from obst_avoid.core.types import Array
 from obst_avoid.offline.training.samples import Samples
 
@@ -20,7 +21,7 @@ TREES, FIRST_TREES, FEW_TREES = 600, 60, 60
 GROWING: Dict[str, Any] = {
     'tree_method': 'hist',
     'grow_policy': 'lossguide',
-    'max_depth': 0,
+    'max_depth': 8,
     'max_leaves': 24,
     'max_bin': 64,
     'eta': 0.06,
@@ -30,8 +31,8 @@ GROWING: Dict[str, Any] = {
     'colsample_bytree': 0.3,
     'seed': 1,
 }
-SAFE = 0.001
-"""Share of true things that dropping hopeless regions early may lose."""
+SAFE = 0.005
+"""Share of the regions of true things that each stage may drop: a thing has several."""
 
 
 def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
@@ -49,13 +50,12 @@ def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
     used = true | (wrong & (hard | sampled))
     weight = np.where(wrong & ~hard, 1 / SHARE, 1.0)
     thing = forest_of(_boosted('binary:logistic', values, true, used, weight, TREES, threads))
-    early = thing.base + partial(thing, values[true])
     cone = np.concatenate([item.cone for item in samples])
     foot = np.concatenate([item.foot for item in samples])
     radius = np.concatenate([item.radius for item in samples])
     few = {'max_leaves': 8, 'eta': 0.1}
     return {
-        'thing': Forest(**{**thing.__dict__, 'hopeless': float(np.quantile(early, SAFE))}),
+        'thing': replace(thing, hopeless=hopeless(thing, values[true])),
         'cone': forest_of(_boosted('binary:logistic', values, cone, true, None, FEW_TREES, threads, **few)),
         'foot': forest_of(
             _boosted('reg:squarederror', values, foot, true & (np.abs(foot) < 0.5), None, FEW_TREES, threads, **few)
@@ -66,11 +66,15 @@ def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
     }
 
 
-def partial(forest: Forest, values: Array) -> Array:
-    """Sum of the first trees alone, without the base."""
-    parts = (forest.feature, forest.threshold, forest.left, forest.right, forest.value)
-    first = Forest(*(part[:FIRST] for part in parts), 0.0, forest.depth)
-    return np.concatenate([summed(first, part) for part in np.array_split(values, max(1, len(values) // 2000))])
+def hopeless(forest: Forest, values: Array) -> Tuple[float, ...]:
+    """What nearly all rows of true things have reached after each of STAGES."""
+    limits = []
+    for stage in STAGES:
+        parts = (forest.feature, forest.threshold, forest.left, forest.right, forest.value)
+        first = Forest(*(part[:stage] for part in parts), forest.base, forest.depth)
+        sums = [summed(first, some) for some in np.array_split(values, max(1, len(values) // 2000))]
+        limits.append(float(np.quantile(np.concatenate(sums), SAFE)))
+    return tuple(limits)
 
 
 def forest_of(booster: 'xgboost.Booster') -> Forest:
@@ -107,7 +111,8 @@ def write(forests: Dict[str, Forest], path: str) -> None:
         for part in ('feature', 'threshold', 'left', 'right', 'value'):
             kind = np.int16 if part in ('feature', 'left', 'right') else np.float32
             arrays['%s_%s' % (name, part)] = getattr(forest, part).astype(kind)
-        arrays[name + '_base'] = np.array([forest.base, forest.depth, forest.hopeless])
+        arrays[name + '_base'] = np.array([forest.base, forest.depth])
+        arrays[name + '_hopeless'] = np.array(forest.hopeless, dtype=np.float64)
     np.savez_compressed(path, **arrays)
 
 

@@ -77,6 +77,8 @@ def find_regions(light: Array, view: View) -> Regions:
     for channel, (height, levels) in enumerate(heights):
         for level in range(levels):
             mask = (height > level).view(np.uint8)
+            if not mask.any():
+                break
             _, labels, stats, middles = cv2.connectedComponentsWithStats(mask, connectivity=4)
             w, h = stats[:, 2], stats[:, 3]
             good = (stats[:, 4] >= SMALLEST) & (w < FLATTEST * h) & (h < SLIMMEST * w) & (w < WIDEST)
@@ -86,10 +88,10 @@ def find_regions(light: Array, view: View) -> Regions:
             here = np.full(len(ids), len(layers))
             found.append(np.column_stack([here, ids, stats[ids], middles[ids]]))
             layers.append(Layer(channel, level, labels, stats))
-    table = np.concatenate(found)
+    table = np.concatenate(found) if found else np.zeros((0, 9))
     layer = table[:, 0].astype(int)
     box = table[:, 2:6] + (0, view.top, 0, 0)
-    of_layer = np.array([(item.channel, item.level) for item in layers])
+    of_layer = np.array([(item.channel, item.level) for item in layers]).reshape(-1, 2)
     return Regions(
         of_layer[layer, 0],
         of_layer[layer, 1],

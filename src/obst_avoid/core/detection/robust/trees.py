@@ -16,7 +16,7 @@ from obst_avoid.core.detection.robust.features import NAMES
 from obst_avoid.core.types import Array
 
 FILE = os.path.join(os.path.dirname(__file__), 'trees.npz')
-FIRST = 60
+STAGES = (15, 40, 100, 200)
 """Trees after which hopeless regions are dropped: most need no more (a soft cascade, Bourdev and Brandt 2005)."""
 
 
@@ -25,8 +25,8 @@ class Forest:
     """T trees of at most K nodes, (T, K) each; node 0 is a tree's root.
 
     feature: column of NAMES. threshold: smaller values go left. left, right: nodes; a leaf leads to itself. value: of
-    leaves. base: of the sum. depth: steps that reach every leaf. hopeless: sum after FIRST trees, base included, below
-    which the rest is not worth its time.
+    leaves. base: of the sum. depth: steps that reach every leaf. hopeless: for each of STAGES the sum, base included,
+    below which the rest is not worth its time.
     """
 
     feature: Array
@@ -36,17 +36,20 @@ class Forest:
     value: Array
     base: float
     depth: int
-    hopeless: float = -np.inf
+    hopeless: Tuple[float, ...] = ()
 
 
 def summed(forest: Forest, values: Array) -> Array:
-    """(N, F) float32 to (N,) float32: each row's sum. Hopeless rows get what FIRST trees say."""
-    total = forest.base + _leaves(forest, values, slice(0, FIRST)).sum(axis=1)
-    going = np.flatnonzero(total >= forest.hopeless)
-    if len(going) and len(forest.feature) > FIRST:
-        total[going] += _leaves(forest, values[going], slice(FIRST, None)).sum(axis=1)
-    result: Array = total
-    return result
+    """(N, F) float32 to (N,) float32: each row's sum, -inf where it is hopeless: the first trees alone say little."""
+    total = np.full(len(values), forest.base, dtype=np.float32)
+    going, before = np.arange(len(values)), 0
+    for stage, least in zip(STAGES, forest.hopeless):
+        total[going] += _leaves(forest, values[going], slice(before, stage)).sum(axis=1)
+        lost = total[going] < least
+        total[going[lost]] = -np.inf
+        going, before = going[~lost], stage
+    total[going] += _leaves(forest, values[going], slice(before, None)).sum(axis=1)
+    return total
 
 
 def reasons(forest: Forest, values: Array, count: int = 4) -> List[Tuple[str, float]]:
@@ -82,7 +85,7 @@ def shipped() -> Dict[str, Forest]:
 
 def _loaded(file: Dict[str, Array], name: str) -> Forest:
     nodes = [file['%s_%s' % (name, part)] for part in ('feature', 'threshold', 'left', 'right', 'value')]
-    base, depth, hopeless = file[name + '_base']
+    base, depth = file[name + '_base']
     feature, threshold, left, right, value = nodes
     return Forest(
         feature.astype(np.int64),
@@ -92,7 +95,7 @@ def _loaded(file: Dict[str, Array], name: str) -> Forest:
         value.astype(np.float32),
         float(base),
         int(depth),
-        float(hopeless),
+        tuple(float(value) for value in file[name + '_hopeless']),
     )
 
 
