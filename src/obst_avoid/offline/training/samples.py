@@ -225,8 +225,8 @@ def _targets(box: Array, which: Array, things: Sequence[Thing], values: Array) -
     foot, radius = np.full(len(box), np.nan), np.full(len(box), np.nan)
     for index in np.flatnonzero(which >= 0):
         thing = things[which[index]]
-        foot[index] = (thing.foot - box[index, 1] - box[index, 3]) / box[index, 3]
-        if thing.place is not None:
+        if thing.place is not None:  # boxes drawn by hand end somewhere near the foot
+            foot[index] = (thing.foot - box[index, 1] - box[index, 3]) / box[index, 3]
             x, y, size = thing.place
             seen = 2.0 ** values[index, NAMES.index('width')] / values[index, NAMES.index('ahead')] * x / 2
             radius[index] = math.log2(size / max(seen, 1e-3))
