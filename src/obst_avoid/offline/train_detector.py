@@ -7,6 +7,7 @@ from multiprocessing import get_context
 from typing import Any, Dict, List, Optional, Tuple
 
 import cv2
+import numpy as np
 
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import read_yaml
@@ -47,6 +48,8 @@ def _main(options: argparse.Namespace) -> int:
     true = sum(int((item.overlap >= 0.5).sum()) for item in samples)
     if not true:
         raise tool.ToolError('%s: no region of any picture is a labelled thing' % options.datasets)
+    if not any(np.isfinite(item.radius[item.overlap >= 0.5]).any() for item in samples):
+        raise tool.ToolError('%s: no label has x, y and radius, expected a rendered data set' % options.datasets)
     fit.write(fit.grown(samples, os.cpu_count() or 1), options.output)
     print(
         '%d pictures, %d regions, %d of them things: %s'
