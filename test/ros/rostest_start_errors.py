@@ -69,7 +69,9 @@ CASES = {
     'unknown_stage': Case(
         AVOIDER, {'stage': 'avoid_everything'}, ("/{node}/stage = 'avoid_everything'", 'avoid_single')
     ),
-    'unknown_profile': Case(DETECTOR, {'profile': 'magic'}, ("/{node}/profile = 'magic', expected one of: robust, paper",)),
+    'unknown_profile': Case(
+        DETECTOR, {'profile': 'magic'}, ("/{node}/profile = 'magic', expected one of: robust, paper",)
+    ),
     'no_calibration': Case(
         DETECTOR,
         {'veh': 'nobody', 'allow_default_calibration': False, 'calibration_dir': '{folder}'},

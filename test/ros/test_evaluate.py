@@ -593,6 +593,20 @@ class TestRuns:
         said = read(tmp_path / 'out')['runs'][0]['groups']['all']
         assert said['false_alarms_indicative']['count'] + said['other_detections']['far'] == sum(counts)
 
+    def test_both_profiles_side_by_side(self, drawn: Path, tmp_path: Path) -> None:
+        call = [*DEFAULT, '--profile', 'paper', 'robust', '--labels', str(drawn / 'labels.json'), '--jobs', '2']
+        assert evaluate.main([*call, '--output', str(tmp_path), str(drawn / 'pictures')]) == 0
+        content = read(tmp_path)
+        paper, robust = content['runs']
+        assert [run['arguments'][-1] for run in (paper, robust)] == ['paper', 'robust']
+        for run in (paper, robust):
+            said = run['groups']['all']
+            assert said['frames'] == 6 * COPIES
+            assert said['recall']['k'] >= 4 * COPIES
+        assert robust['groups']['all']['recall']['n'] == paper['groups']['all']['recall']['n']
+        assert set(content['comparison']['only']) == {'paper', 'robust'}
+        assert content['comparison']['both'] >= 4 * COPIES
+
     def test_two_settings_side_by_side(self, drawn: Path, tmp_path: Path) -> None:
         other = tmp_path / 'strict'
         other.mkdir()

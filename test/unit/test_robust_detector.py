@@ -150,6 +150,15 @@ def test_on_an_empty_road_there_is_nothing(
     assert scene.lane_pose is not None
 
 
+def test_hardly_anything_on_an_empty_road_is_a_candidate(detector: Detector, camera: Camera) -> None:
+    """Weak ones are for the tracker; each of them is a track for a while."""
+    traced: Dict[str, Any] = {}
+    for seed in range(3):
+        detect(detector, camera.take((), 0.7 + 0.4 * seed, seed=seed)[0], None, trace=traced.__setitem__)
+        assert len(traced['regions']) > 100
+        assert len(traced['candidates']) <= 6
+
+
 @pytest.mark.parametrize('along', [0.9, 1.2, 1.4, 1.6])
 def test_stop_lines_are_no_obstacles(detector: Detector, camera: Camera, along: float) -> None:
     crossing = town('───┼──')
@@ -352,6 +361,13 @@ def test_a_sequence_begins_anew_after_a_gap(detector: Detector, seen: Tuple[List
     assert len(scenes[-1].obstacles) == 2
     scene, _ = detect(now, pictures[4], 10**9 + round((0.3 + gap + 0.1) * 1000) * MS)
     assert scene.obstacles == []
+
+
+def test_a_drive_on_an_empty_road_shows_nothing(detector: Detector, camera: Camera) -> None:
+    pictures = [camera.take((), 0.6 + 0.02 * number, phi=0.1 - 0.01 * number, seed=number)[0] for number in range(20)]
+    for commands in (told(0.2), []):
+        scenes, _ = run(detector, pictures, 0.1, commands)
+        assert [scene.obstacles for scene in scenes] == [[]] * 20
 
 
 def test_what_is_taken_away_is_not_reported_any_more(
