@@ -87,8 +87,10 @@ def test_the_file_is_what_the_detector_loads(loaded: Any) -> None:
     assert set(loaded) == {'thing', 'cone', 'foot', 'radius'}
     assert len(loaded['thing'].hopeless) == len(STAGES)
     values = np.random.RandomState(0).randn(50, len(NAMES)).astype(np.float32)
-    for forest in loaded.values():
-        assert np.isfinite(summed(forest, values)).all()
+    for name, forest in loaded.items():
+        sums = summed(forest, values)
+        assert not np.isnan(sums).any() and (sums < np.inf).all()  # -inf: hopeless, and only a judgement may say so
+        assert name == 'thing' or np.isfinite(sums).all()
 
 
 @growing
@@ -103,7 +105,7 @@ def test_what_was_learnt_is_found_again(loaded: Any, rendered: Path, detection_s
         things += odds[(found.overlap >= 0.6) & ~found.ignored].tolist()
         others += odds[~found.touches & ~found.ignored].tolist()
     assert len(things) > 10
-    assert np.median(things) > np.percentile(others, 98)
+    assert np.median(things) > np.sort(others)[int(0.98 * len(others))]
     detector = detection.start(default_calibration(), detection_settings)
     scene, _ = detection.detect(detector, picture_of(), None)
     assert all(np.isfinite([one.x, one.y, one.radius]).all() for one in scene.obstacles)
