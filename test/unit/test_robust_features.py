@@ -250,3 +250,21 @@ def test_another_light_changes_no_colour(gains: Tuple[float, float, float]) -> N
 
 def test_cells_divide_by_two() -> None:
     assert CELLS % 2 == 0
+
+
+def test_a_hill_of_yellow_shrinks_from_level_to_level() -> None:
+    """Its child is smaller than it is, its parent larger: logarithms to the base 2 of the areas."""
+    v, u = np.mgrid[0:480, 0:640]
+    hill = np.exp(-((u - 300) ** 2 + (v - 340) ** 2) / 1500)
+    picture = np.full((480, 640, 3), 90, np.uint8)
+    picture[..., 1:] += (150 * hill[..., None]).astype(np.uint8)
+    regions, values, _ = measured(picture)
+    rows = np.flatnonzero(regions.channel == YELLOW)
+    rows = rows[np.argsort(regions.level[rows])]
+    assert len(rows) >= 4
+    areas = regions.area[rows]
+    steps = np.log2((areas[1:] + 1) / areas[:-1])
+    assert (steps < -0.1).all()
+    np.testing.assert_allclose(column(values, 'child')[rows[:-1]], steps, atol=1e-4)
+    np.testing.assert_allclose(column(values, 'parent')[rows[1:]], np.log2((areas[:-1] + 1) / areas[1:]), atol=1e-4)
+    assert (column(values, 'parent_width')[rows[1:]] > 0).all()

@@ -144,3 +144,13 @@ def test_no_time_and_time_backwards_change_nothing() -> None:
 def test_a_picture_of_a_few_pixels_has_a_light_too(size: Tuple[int, int]) -> None:
     picture = np.random.RandomState(1).randint(0, 256, (size[1], size[0], 3)).astype(np.uint8)
     assert np.isfinite(estimate_light(picture).as_array()).all()
+
+
+def test_the_light_is_the_median_between_the_percentiles() -> None:
+    """Asphalt that fades, written down anew."""
+    picture = np.zeros((480, 640, 3), np.uint8)
+    picture[...] = np.linspace(20, 250, 640).astype(np.uint8)[None, :, None]
+    values = np.sort(picture[300, ::6, 0])
+    low, high = np.percentile(LINEAR[values], (DARKER, BRIGHTER))
+    between = [value for value in values if low <= LINEAR[value] <= high]
+    assert level(estimate_light(picture).road[1]) == pytest.approx(float(np.median(between)), abs=3)
