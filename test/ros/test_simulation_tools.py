@@ -7,7 +7,7 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -168,7 +168,8 @@ def drive(**changes: Any) -> Dict[str, Any]:
     """One outcome as run_scenarios keeps it."""
     return {
         'success': True, 'contact': None, 'in_the_way': True, 'smallest_gap': 0.3, 'seconds': 10.0, 'driven': 1.0,
-        'stops': 1, 'activations': 1, 'false_stops': 0, 'off_lane': 0.0, **changes,
+        'stops': 1, 'activations': 1, 'false_stops': 0, 'off_lane': 0.0, 'sightings': {'of': {}, 'invented': 0},
+        **changes,
     }  # fmt: skip
 
 
@@ -191,8 +192,21 @@ def test_a_table_of_families() -> None:
         'far': run_scenarios.summarise([drive()]), 'none': run_scenarios.summarise([drive(smallest_gap=None)]),
     }).splitlines()  # fmt: skip
     assert len(rows) == 3
-    assert rows[1].split() == 'far 1 100 (2 to 100) 0 (0 to 98) 1:0 1 1 0 0.300 0.300 0.0'.split()
-    assert rows[2].split()[-3:] == ['-', '-', '0.0']
+    assert rows[1].split() == 'far 1 100 (2 to 100) 0 (0 to 98) 1:0 1 1 0 0.300 0.300 0.0 - 0 0'.split()
+    assert rows[2].split()[-6:] == ['-', '-', '0.0', '-', '0', '0']
+
+
+def test_how_well_the_detector_kept_track() -> None:
+    def thing(since: float, after: Optional[float], lost: int = 0) -> Dict[str, Any]:
+        return {'since': since, 'after': after, 'lost': lost, 'seen': True}
+
+    found = run_scenarios.summarise([
+        drive(sightings={'of': {0: thing(1.0, 0.2, 3), 2: thing(2.0, 0.3)}, 'invented': 2}),
+        drive(sightings={'of': {0: thing(1.0, 0.0), 1: thing(1.0, None, 1), 2: thing(9.9, None)}, 'invented': 1}),
+    ])  # fmt: skip
+    assert found['prompt'][0] == 0.5, 'two of four; one came into view when all was over'
+    assert (found['lost'], found['invented']) == (4, 3)
+    assert run_scenarios.table({'one': found}).splitlines()[1].split()[-3:] == ['50', '4', '3']
 
 
 def decoded(segmentation: Dict[str, Any]) -> Any:

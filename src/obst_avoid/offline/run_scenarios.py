@@ -29,6 +29,8 @@ from obst_avoid.sim.renderer import Renderer, RenderError
 from obst_avoid.sim.scenario import load_scenario
 
 FILM_RATE = 10.0
+PROMPT = 0.2
+"""[s] within which the detector has to know what has come near and into view."""
 
 
 def main(arguments: Any = None) -> int:
@@ -90,13 +92,16 @@ def _main(options: argparse.Namespace) -> int:
 def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
     """The figures of one family. Shares come with 95 % intervals (Clopper and Pearson).
 
-    median_gap_m: of the episodes without contact.
+    median_gap_m: of the episodes without contact. prompt: of what came near and into view, known within PROMPT. lost:
+    how often a known one was missing from a report. invented: how often the detector began to report what is not there.
     """
     count = len(outcomes)
     hits = sum(outcome['contact'] is not None for outcome in outcomes)
     met = sum(outcome['in_the_way'] for outcome in outcomes)
     gaps = [o['smallest_gap'] for o in outcomes if o['smallest_gap'] is not None]
     kept = [o['smallest_gap'] for o in outcomes if o['smallest_gap'] is not None and o['contact'] is None]
+    near = [(o['seconds'] - thing['since'], thing) for o in outcomes for thing in o['sightings']['of'].values()]
+    prompt = [thing['after'] is not None and thing['after'] <= PROMPT + 1e-6 for since, thing in near if since > PROMPT]
     seconds, metres = sum(o['seconds'] for o in outcomes), sum(max(o['driven'], 0.0) for o in outcomes)
     return {
         'episodes': count,
@@ -110,6 +115,9 @@ def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
         'smallest_gap_m': round(min(gaps), 3) if gaps else None,
         'median_gap_m': round(float(np.median(kept)), 3) if kept else None,
         'off_lane_share': round(sum(o['off_lane'] for o in outcomes) / seconds, 4) if seconds else None,
+        'prompt': share(sum(prompt), len(prompt)) if prompt else None,
+        'lost': sum(thing['lost'] for _, thing in near),
+        'invented': sum(o['sightings']['invented'] for o in outcomes),
     }
 
 
@@ -124,16 +132,16 @@ def share(part: int, whole: int) -> List[float]:
 
 def table(summary: Dict[str, Dict[str, Any]]) -> str:
     """The families for a terminal."""
-    head = '%-18s %4s %20s %20s %9s %6s %6s %6s %7s %7s %6s' % (
+    head = '%-18s %4s %20s %20s %9s %6s %6s %6s %7s %7s %6s %7s %5s %8s' % (
         'family', 'n', 'success % (95 %)', 'contacts % (95 %)', 'avoid:hit', 'stops', 'activ.', 'false', 'gap min',
-        'median', 'off %',
+        'median', 'off %', 'prompt', 'lost', 'invented',
     )  # fmt: skip
     lines = [head]
     for name, row in summary.items():
         cells = ['%.0f (%.0f to %.0f)' % tuple(100 * value for value in row[key]) for key in ('success', 'contacts')]
         gaps = ['-' if row[key] is None else '%.3f' % row[key] for key in ('smallest_gap_m', 'median_gap_m')]
         lines.append(
-            '%-18s %4d %20s %20s %9s %6d %6d %6d %7s %7s %6.1f'
+            '%-18s %4d %20s %20s %9s %6d %6d %6d %7s %7s %6.1f %7s %5d %8d'
             % (
                 name,
                 row['episodes'],
@@ -144,6 +152,9 @@ def table(summary: Dict[str, Dict[str, Any]]) -> str:
                 row['false_stops'],
                 *gaps,
                 100 * (row['off_lane_share'] or 0.0),
+                '-' if row['prompt'] is None else '%.0f' % (100 * row['prompt'][0]),
+                row['lost'],
+                row['invented'],
             )  # fmt: skip
         )
     return '\n'.join(lines)

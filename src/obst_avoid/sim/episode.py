@@ -1,11 +1,13 @@
 """One drive in lockstep: simulation, detector, avoider and controller take turns through the nodes' own functions."""
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Callable, List, Optional, Sequence, Tuple
 
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
+from obst_avoid.core.detection.robust.view import in_view
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, reference_from_decision
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import decode_jpeg
@@ -14,6 +16,7 @@ from obst_avoid.sim import world as worlds
 from obst_avoid.sim.renderer import Renderer
 from obst_avoid.sim.scenario import Scenario
 from obst_avoid.sim.settings import SimulationSettings
+from obst_avoid.sim.sightings import Sightings, looked
 from obst_avoid.sim.world import Contact, Place, World
 
 DECISION_PERIOD, COMMAND_PERIOD = 0.1, 0.05
@@ -52,7 +55,7 @@ class Outcome:
     without an obstacle in the lane within RELEVANT. activations: times it became active. smallest_gap: [m] between
     body and obstacles when pictures were answered, 0 after a contact, inf without obstacles. stop_gap: [m] after the
     last stop. off_lane: [s] with the axle's middle beyond a line. in_the_way: an obstacle stood in the lane ahead at
-    some time. driven: [m].
+    some time. driven: [m]. sightings: how well the detector kept track.
     """
 
     scenario: str
@@ -69,6 +72,7 @@ class Outcome:
     in_the_way: bool
     seconds: float
     driven: float
+    sightings: Sightings
 
 
 def run(
@@ -81,7 +85,8 @@ def run(
     """Run one episode to its end. watch: is called with each answered picture."""
     place, world = worlds.begin(scenario, settings)
     graph = _Graph(robot, place)
-    tally = _Tally()
+    tally, sightings = _Tally(), Sightings({})
+    visible = functools.partial(in_view, robot.detector.view.calibration)
     period, pose_period = 1 / settings.picture_rate, 1 / place.pose_errors.rate
     next_picture = next_pose = 0.0
     waiting: List[Tuple[float, bytes, Scene, int]] = []
@@ -97,6 +102,7 @@ def run(
             data = worlds.jpeg(shown, place)
             stamp = worlds.stamp(world.time)
             found = graph.detect(data, stamp)
+            sightings = looked(sightings, world.time, worlds.everything(world, place), found.obstacles, visible)
             waiting.append((world.time + settings.picture_delay, data, found, stamp))
         graph.hear_poses(now)
         while waiting and waiting[0][0] <= now:
@@ -117,6 +123,7 @@ def run(
                 scenario.name, scenario.seed, verdict[0], verdict[1], world.contact, tally.stops, tally.false_stops,
                 tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap,
                 round(tally.off_lane, 3), tally.in_the_way, round(world.time, 3), world.along - scenario.start,
+                sightings,
             )  # fmt: skip
 
 

@@ -140,6 +140,14 @@ def truth(world: World, place_: Place) -> List[Obstacle]:
     return obstacles_of(obstacles(world, place_), scenario.town, scenario.route, world.along, world.vehicle.pose)
 
 
+def everything(world: World, place_: Place) -> List[Tuple[bool, Obstacle]]:
+    """All obstacles of the scenario, and whether each stands there now."""
+    scenario = place_.scenario
+    things = [place(item, scenario, actor.left) for item, actor in zip(scenario.obstacles, world.actors)]
+    found = obstacles_of(things, scenario.town, scenario.route, world.along, world.vehicle.pose)
+    return [(actor.here, item) for actor, item in zip(world.actors, found)]
+
+
 def gap(world: World, place_: Place) -> float:
     """[m] between the robot's body and the nearest obstacle; inf without one."""
     robot = body(world.vehicle.pose, place_.settings.vehicle)
