@@ -8,6 +8,7 @@ from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 from obst_avoid.core.detection.robust.tracking import CameraPlace, Sighting, Track, TrackingSettings, confirmed, track
 from obst_avoid.core.motion import Motion, carried, motion_between, then
 from obst_avoid.core.types import Command, Kind, Obstacle, Stamped
+from unit.shipped import detection_settings
 
 START = 1_700_000_000_123_456_789
 CAMERA = CameraPlace(ahead=0.06, height=0.105)
@@ -16,38 +17,7 @@ BLIND, FARTHEST, ASIDE = 0.2, 1.7, 1.0
 ROW_ERROR, NOD = 0.003, 0.006
 """[rad] of a row, one pixel, and of the nodding camera, a third of a degree; standard deviations."""
 
-SETTINGS = TrackingSettings(
-    longest_gap=1.0,
-    command_delay=0.1,
-    confirmed=0.93,
-    released=0.5,
-    forgotten=0.03,
-    first=0.7,
-    neutral=0.2,
-    missed=0.05,
-    looks=2.0,
-    correlation_time=0.25,
-    gate=3.0,
-    reach=0.2,
-    foot_error=0.05,
-    foot_error_least=0.01,
-    across_error=0.01,
-    moved_error=0.2,
-    bend_error=0.3,
-    walking=0.05,
-    unknown_speed=0.3,
-    unknown_turn=0.5,
-    memory=1.0,
-    unknown_side=0.1,
-    overlap=0.5,
-    hold=2.0,
-    longest_hold=30.0,
-    near=0.5,
-    behind=0.114,
-    height_row_error=0.004,
-    height_least=0.02,
-    height_evidence=2.0,
-)
+SETTINGS = detection_settings().robust.tracking
 
 
 def visible(x: float, y: float) -> bool:

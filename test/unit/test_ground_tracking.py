@@ -1,11 +1,12 @@
 """core.detection.robust.tracking: what stands on the road, from what single pictures show of it."""
 
 import math
-from typing import Any, List, Optional, Sequence
+from typing import Any, List, Optional, Sequence, Tuple
 
 import pytest
 
 from obst_avoid.core.detection.robust.tracking import (
+    Height,
     Look,
     Sighting,
     Track,
@@ -15,7 +16,7 @@ from obst_avoid.core.detection.robust.tracking import (
     height_from_motion,
     track,
 )
-from obst_avoid.core.motion import Motion
+from obst_avoid.core.motion import Motion, carried, then
 from obst_avoid.core.settings import SettingsError, load
 from obst_avoid.core.types import Box, Command, Kind, Obstacle
 from unit.ground_drives import (
@@ -105,6 +106,48 @@ class TestConfirmation:
             len(confirmed(followed([[seen(confidence=0.4)]] * 20, tracks=sure, begin=START + 500 * MS), SETTINGS)) == 1
         )
         assert answers([[seen(confidence=0.4)]] * 20) == []
+
+    @pytest.mark.parametrize('rate', [10, 30])
+    @pytest.mark.parametrize('confidence, stays', [(0.2, False), (0.4, True)])
+    def test_a_blob_that_convinces_no_more_is_let_go(self, confidence: float, stays: bool, rate: int) -> None:
+        period = 1000 // rate
+        sure = followed([[seen(confidence=0.95)]] * rate, period)
+        begin = sure[0].stamp + period * MS
+        for seconds in (2, 10):
+            later = followed([[seen(confidence=confidence)]] * (seconds * rate), period, tracks=sure, begin=begin)
+            assert [one.confirmed for one in later] == [stays]
+
+    @pytest.mark.parametrize('rate', [10, 30])
+    @pytest.mark.parametrize('confidence', [0.95, 0.75])
+    def test_weak_sightings_before_sure_ones_do_not_hold_them_up(self, confidence: float, rate: int) -> None:
+        """A detector sees a little of many a thing long before it is near."""
+        period = 1000 // rate
+        weak = followed([[seen(confidence=0.05)]] * (2 * rate), period)
+        assert [one.confirmed for one in weak] == [False]
+
+        def pictures_until_it_counts(tracks: List[Track]) -> int:
+            for number in range(1, rate):
+                tracks = followed(
+                    [[seen(confidence=confidence)]], tracks=tracks, begin=START + (3000 + period * number) * MS
+                )
+                if confirmed(tracks, SETTINGS):
+                    return number
+            raise AssertionError('it is never confirmed')
+
+        weak = followed([[seen(confidence=0.05)]], tracks=weak, begin=START + 3000 * MS)
+        assert len(weak) == 1
+        assert 1 < pictures_until_it_counts(weak) <= pictures_until_it_counts([])
+
+    @pytest.mark.parametrize('rate', [10, 30])
+    @pytest.mark.parametrize('confidence', [0.8, 0.99])
+    def test_what_should_be_seen_and_is_not_is_forgotten_by_evidence_alone(self, confidence: float, rate: int) -> None:
+        """In about a second, long before nobody would remember it anyway."""
+        period = 1000 // rate
+        sure = followed([[seen(confidence=confidence)]] * (3 * rate), period)
+        begin = sure[0].stamp + period * MS
+        assert followed([[]] * (rate // 2), period, tracks=sure, begin=begin) != []
+        assert followed([[]] * (rate * 13 // 10), period, tracks=sure, begin=begin) == []
+        assert SETTINGS.hold > 1.5
 
     def test_what_is_gone_is_gone_soon(self) -> None:
         sure = followed([[seen(confidence=0.98)]] * 20)
@@ -204,11 +247,45 @@ class TestAssociation:
         low = [[seen(0.5, 0.0, top_distance=0.55)]] * 10
         assert len(confirmed(followed(low, tracks=both, begin=START + 1000 * MS), SETTINGS)) == 1
 
+    @pytest.mark.parametrize('confidence, hides', [(0.05, False), (0.9, True)])
+    def test_only_what_is_rather_sure_hides_what_stands_behind_it(self, confidence: float, hides: bool) -> None:
+        front = seen(0.5, confidence=confidence, top_distance=1.2)
+        both = followed([[front, seen(0.8)]] * 10)
+        removed = followed([[front]] * 5, tracks=both, begin=START + 1000 * MS)
+        assert any(one.confirmed and one.x > 0.7 for one in removed) is hides
+
+    @pytest.mark.parametrize('side', [-1, 1])
+    def test_what_counts_is_not_taken_for_something_beyond_a_line(self, side: int) -> None:
+        """It is missing in one picture, and a new thing shows beside it."""
+        ours = followed([[seen(0.6)]] * 10)
+        beyond = seen(0.6, 0.1 * side, in_lane=False)
+        after = followed([[beyond]], tracks=ours, begin=START + 1000 * MS)
+        assert sorted((one.confirmed, abs(one.y) < 0.01) for one in after) == [(False, False), (True, True)]
+        for in_lane in (True, None):
+            moved = followed([[seen(0.6, 0.1 * side, in_lane=in_lane)]], tracks=ours, begin=START + 1000 * MS)
+            assert [(one.confirmed, one.seen) for one in moved] == [(True, START + 1000 * MS)], 'it was a jump'
+
+    def test_what_stands_beyond_a_line_may_jump(self) -> None:
+        there = followed([[seen(0.6, 0.3, in_lane=False)]] * 10)
+        after = followed([[seen(0.6, 0.38, in_lane=False)]], tracks=there, begin=START + 1000 * MS)
+        assert [(one.confirmed, one.seen) for one in after] == [(True, START + 1000 * MS)]
+
     def test_a_foot_below_the_picture_does_not_pull_it_away(self) -> None:
+        """It is nearer than the lowest row, which says nothing of how much, and nothing that was not known."""
         sure = followed([[seen(0.26)]] * 5)
-        cut = track(sure, [seen(0.21, cut=True)], START + 500 * MS, Motion(x=0.08), visible, SETTINGS)
-        assert cut[0].seen == START + 500 * MS
-        assert cut[0].x == pytest.approx(0.18, abs=1e-6)
+        (cut,) = track(sure, [seen(0.21, cut=True)], START + 500 * MS, Motion(x=0.08), visible, SETTINGS)
+        (unseen,) = track(sure, [], START + 500 * MS, Motion(x=0.08), visible, SETTINGS)
+        assert cut.seen == START + 500 * MS
+        assert cut.x == pytest.approx(0.18, abs=1e-6)
+        assert cut.along == unseen.along
+        assert cut.across < unseen.across, 'its direction is seen'
+
+    def test_a_foot_below_the_picture_that_is_nearer_than_expected_is_nearer(self) -> None:
+        sure = followed([[seen(0.26)]] * 5)
+        (cut,) = track(sure, [seen(0.2, cut=True)], START + 500 * MS, Motion(x=0.03), visible, SETTINGS)
+        (unseen,) = track(sure, [], START + 500 * MS, Motion(x=0.03), visible, SETTINGS)
+        assert 0.2 < cut.x < unseen.x
+        assert cut.along < unseen.along
 
 
 class TestOutOfSight:
@@ -237,6 +314,69 @@ class TestOutOfSight:
             found = followed([[]] * missing, tracks=sure, begin=START + 1000 * MS)
             assert len(confirmed(found, SETTINGS)) == wanted
 
+    def below_the_picture(self, seconds: float = 0.0) -> List[Track]:
+        """A thing 0.15 m ahead, out of sight since as long, its robot's motion known. Its last stamp: START + 2 s."""
+        sure = followed([[seen(0.3)]] * 10, begin=START + round(900 - 1000 * seconds) * MS)
+        below = track(sure, [], sure[0].stamp + 100 * MS, Motion(x=0.15), visible, SETTINGS)
+        below = followed([[]] * round(10 * seconds), tracks=below, begin=below[0].stamp + 100 * MS)
+        (one,) = below
+        assert (one.confirmed, one.hidden, one.stamp) == (True, True, START + 1900 * MS)
+        assert one.x == pytest.approx(0.15)
+        return below
+
+    @pytest.mark.parametrize('gap', [1100, 5000])
+    def test_a_hiccup_of_the_camera_does_not_take_away_what_is_before_the_bumper(self, gap: int) -> None:
+        below = self.below_the_picture()
+        stamp = below[0].stamp + gap * MS
+        for shown in ([], [seen(1.5)]):
+            after = track(below, shown, stamp, Motion(x=0.06, y=0.02), visible, SETTINGS)
+            first = after[0]
+            assert (first.confirmed, first.stamp, len(after)) == (True, stamp, 1 + len(shown))
+            nearest = math.hypot(0.18 - 0.06, -0.02) - 0.03  # its centre is carried
+            assert math.hypot(first.x, first.y) == pytest.approx(nearest, abs=1e-6)
+            assert math.atan2(first.y, first.x) == pytest.approx(math.atan2(-0.02, 0.12), abs=1e-6)
+            assert first.along > below[0].along + 0.9 * SETTINGS.moved_error * math.hypot(0.06, 0.02), 'less surely'
+        assert track(below, [], stamp, None, visible, SETTINGS) == [], 'nobody knows where it is now'
+
+    def test_a_hiccup_takes_away_everything_else(self) -> None:
+        """What is in sight is seen at once, and what is far need not be known."""
+        stamp = self.below_the_picture()[0].stamp
+        (below,) = self.below_the_picture()
+        for other in (below._replace(hidden=False), below._replace(confirmed=False), below._replace(x=0.8)):
+            assert track([other], [], stamp + 1100 * MS, STILL, visible, SETTINGS) == []
+        assert track([below], [], stamp - 100 * MS, STILL, visible, SETTINGS) == [], 'time that ran backwards'
+        assert len(track([below], [], stamp + 1100 * MS, STILL, visible, SETTINGS)) == 1
+
+    def test_a_moment_of_unknown_motion_does_not_take_it_away(self) -> None:
+        below = self.below_the_picture(seconds=5.0)
+        now = track(below, [], below[0].stamp + 100 * MS, None, visible, SETTINGS)
+        assert [one.confirmed for one in now] == [True]
+        after = followed([[]] * 50, tracks=now, begin=now[0].stamp + 100 * MS)
+        assert [one.confirmed for one in after] == [True]
+        assert after[0].x == pytest.approx(0.15)
+
+    def test_so_much_unknown_motion_as_it_is_held_takes_it_away(self) -> None:
+        """All together, however often the motion was known in between."""
+        for every in (1, 3):
+            now, unknown = self.below_the_picture(seconds=5.0), 0
+            while now:
+                assert unknown * 0.1 <= SETTINGS.hold + 1e-6
+                known = unknown % every
+                unknown += 1
+                now = followed([[]] * known, tracks=now, begin=now[0].stamp + 100 * MS) if known else now
+                now = track(now, [], now[0].stamp + 100 * MS, None, visible, SETTINGS)
+            assert unknown * 0.1 == pytest.approx(SETTINGS.hold, abs=0.11)
+
+    def test_no_blob_farther_ahead_takes_the_place_of_what_is_remembered(self) -> None:
+        """The robot stands before it, and would drive on."""
+        for seconds in (2.0, 5.0, 20.0):
+            for confidence in (0.06, 0.95):
+                for place in ((0.6, 0.0), (0.8, 0.1), (1.0, 0.0)):
+                    now = self.below_the_picture(seconds)
+                    now = followed([[seen(*place, confidence)]] * 5, tracks=now, begin=now[0].stamp + 100 * MS)
+                    near_ones = [(one.confirmed, round(one.x, 3)) for one in now if one.x < 0.2]
+                    assert near_ones == [(True, 0.15)], (seconds, confidence, place)
+
     def test_two_in_a_line_stay_two(self) -> None:
         sure = followed([[seen(0.25, 0.0), seen(0.32, 0.022)]] * 10)
         now = track(sure, [], START + 1000 * MS, Motion(x=0.1, y=-0.03, turn=0.3), visible, SETTINGS)
@@ -256,12 +396,16 @@ class TestDrives:
     @pytest.mark.parametrize('told', [True, False], ids=['told', 'not told'])
     @pytest.mark.parametrize('false', [0.0, 0.01], ids=['no blobs', 'blobs'])
     def test_what_is_approached_is_confirmed_in_time_and_not_lost(self, rate: float, told: bool, false: float) -> None:
+        kept = []
         for seed in range(4):
             moments = list(
                 drive(Drive((Thing(2.2, 0.02),), seconds=11.0, rate=rate, told=told, false=false, seed=seed))
             )
             close = [moment for moment in moments if BLIND < moment.real[0][1] < 1.0]
-            assert all(near(moment) for moment in close if moment.seconds >= close[0].seconds + 0.2), seed
+            kept += [near(moment) for moment in close if moment.seconds >= close[0].seconds + 0.2]
+        missing = len(kept) - sum(kept)
+        # not told, there is no height from motion, and two misses of what was half sure release it: 1 % of 60 drives'
+        assert missing == 0 if told else missing <= 0.03 * len(kept), (missing, len(kept))
 
     @pytest.mark.parametrize('rate', [10.0, 30.0])
     def test_what_steps_into_the_road_is_confirmed_soon(self, rate: float) -> None:
@@ -327,6 +471,28 @@ def looks(height: float, begin: float, end: float, count: int = 8, length: float
     return [Look(begin - foot, foot, (foot + length) * CAMERA.height / (CAMERA.height - height)) for foot in places]
 
 
+def looked_at(x: float, y: float, height: float) -> Sighting:
+    """A thing with its centre there, seen without errors, its top above its centre. [m]"""
+    far = math.hypot(x, y)
+    near = 1 - 0.03 / far
+    stretch = CAMERA.height / (CAMERA.height - height)
+    top = math.hypot(CAMERA.ahead + stretch * (x - CAMERA.ahead), stretch * y)
+    return seen(near * x, near * y, top_distance=top)
+
+
+def driven_at(aside: float, height: float, turn: float = 0.0) -> Tuple[Height, float]:
+    """Height from motion and its evidence after 0.38 m towards something; turn: [rad] in each of 19 steps."""
+    pose, step, tracks = Motion(), Motion(x=0.02, turn=turn), []  # type: Motion, Motion, List[Track]
+    for number in range(20):
+        shown = looked_at(*carried(pose, 0.75, aside), height=height)
+        tracks = track(tracks, [shown], START + 100 * number * MS, step, lambda x, y: True, SETTINGS, CAMERA)
+        pose = then(pose, step)
+    (one,) = tracks
+    found = height_from_motion(one.looks, CAMERA.height, ROW_ERROR)
+    assert found is not None
+    return found, one.height_evidence
+
+
 class TestHeight:
     @pytest.mark.parametrize('length', [0.0, 0.05, 0.3])
     @pytest.mark.parametrize('height', [0.0, 0.03, 0.06])
@@ -373,6 +539,22 @@ class TestHeight:
             assert sign * last.tracks[0].height_evidence > 0, height
             *_, last = drive(Drive((Thing(1.1, 0.0, height=height),), seconds=3.5, unsure=0.9, told=False, seed=6))
             assert last.tracks[0].height_evidence == 0, 'nobody said how the robot moves'
+
+    @pytest.mark.parametrize('aside', [0.0, 0.15, -0.15, 0.3, -0.3])
+    @pytest.mark.parametrize('height', [0.0, 0.03, 0.05])
+    def test_is_found_of_what_stands_aside(self, height: float, aside: float) -> None:
+        found, evidence = driven_at(aside, height)
+        assert found.height == pytest.approx(height, abs=0.003)
+        assert evidence * (1 if height else -1) > 1.0
+
+    def test_is_as_good_of_what_stands_aside_and_in_a_bend(self) -> None:
+        found = {
+            (height, aside, turn): driven_at(aside, height, turn)[0].height
+            for height in (0.0, 0.05)
+            for aside in (0.0, 0.15, -0.15, 0.3, -0.3)
+            for turn in (0.0, 0.03, -0.03)
+        }
+        assert found == {what: pytest.approx(what[0], abs=0.001) for what in found}
 
     def test_the_drives_and_the_formula_agree(self) -> None:
         assert top_of(0.56, 0.05) - CAMERA.ahead == pytest.approx(looks(0.05, 0.5, 0.4)[0].top)

@@ -27,6 +27,8 @@ NEAREST = 0.05
 """[m] A foot nearer than this has no direction."""
 RECOVERING = 0.5
 """Confidence of a sighting with which a track that counts may recover from a jump."""
+COVERING = 0.5
+"""Confidence of a sighting that may hide what stands behind it."""
 LOOK_STEP = 0.03
 """[m] between two looks that are kept for the height: nearer ones have the same errors."""
 MOST_LOOKS = 10
@@ -133,7 +135,8 @@ class Track(NamedTuple):
     x, y: [m] the point of its footprint nearest the robot now. along, across: [m] standard deviations of it, on the ray
     from the robot and across it. evidence: log-odds that it is real, without its height. height_evidence: log-odds on
     top. confirmed: it counts. born, seen, stamp: [ns] first picture with it, last one with it, last one.
-    hidden: it was not seen in the last picture, and need not have been. last: as it was last seen.
+    hidden: it was not seen in the last picture, and need not have been. adrift: [s] since it was last seen during which
+    nobody knew how the robot moved. last: as it was last seen.
     to_left, to_right: as in Obstacle. looks, driven: for its height, see Look.
     """
 
@@ -150,6 +153,7 @@ class Track(NamedTuple):
     seen: int
     stamp: int
     hidden: bool
+    adrift: float
     last: Obstacle
     to_left: Optional[float]
     to_right: Optional[float]
@@ -204,15 +208,18 @@ def track(
     """Continue the tracks of the picture before with what the next one shows.
 
     stamp: [ns] of this picture. motion: of the robot since the picture before; None: not known. camera: None leaves the
-    height from motion out. A gap longer than settings.longest_gap, or time that ran backwards, begins anew.
+    height from motion out. A gap longer than settings.longest_gap, or time that ran backwards, begins anew, but for
+    what was out of sight near a robot whose motion is known.
     Returns the tracks, nearest first; which of them count says confirmed.
     """
     seconds = age(tracks[0].stamp, stamp) if tracks else 0.0
     if not 0 <= seconds <= settings.longest_gap:
-        tracks, seconds = (), 0.0
+        kept = 0 < seconds and motion is not None  # what stands before the bumper is still there after a hiccup
+        tracks = [item for item in tracks if kept and item.confirmed and item.hidden and _near(item, settings)]
+        seconds = seconds if tracks else 0.0
     share = 1 - math.exp(-seconds / settings.correlation_time)
     shown = _distinct(sightings, settings)
-    places = [_place(item, motion, seconds, settings) for item in tracks]
+    places = [_place(item, motion, seconds, settings, camera) for item in tracks]
     found = _associated(places, shown, settings)
     _recover(found, tracks, places, shown, settings)
     after = [_continued(tracks[i], places[i], shown[j], stamp, share, settings, camera) for i, j in found.items()]
@@ -223,7 +230,7 @@ def track(
         for i, item in enumerate(tracks)
         if i not in found and not places[i].passed
     ]
-    after = [item for item in _without_doubles(after, others, settings) if _alive(item, stamp, motion, settings)]
+    after = [item for item in _without_doubles(after, others, settings) if _alive(item, stamp, settings)]
     return sorted(after, key=lambda item: (math.hypot(item.x, item.y), item.x, item.y))
 
 
@@ -380,11 +387,16 @@ def _without_doubles(seen: Sequence[Track], others: Sequence[Track], settings: T
     return kept
 
 
-def _place(item: Track, motion: Optional[Motion], seconds: float, settings: TrackingSettings) -> _Place:
-    """Where a thing that stands still should be after the robot's motion, and how sure that is."""
+def _place(
+    item: Track, motion: Optional[Motion], seconds: float, settings: TrackingSettings, camera: Optional[CameraPlace]
+) -> _Place:
+    """Where a thing that stands still should be after the robot's motion, and how sure that is.
+
+    What is out of sight is not taken to walk: with time its place would fit any blob that is in sight.
+    """
     x, y, along, across = item.x, item.y, item.along, item.across
     before = max(math.hypot(x, y), NEAREST)
-    growth = settings.walking * seconds
+    growth = 0.0 if item.hidden else settings.walking * seconds
     driven: Optional[float] = None
     if motion is None:
         distance, ahead, left = before, x / before, y / before
@@ -398,7 +410,8 @@ def _place(item: Track, motion: Optional[Motion], seconds: float, settings: Trac
         ahead, left = centre_x / far, centre_y / far
         distance = max(far - item.radius, NEAREST)
         x, y = distance * ahead, distance * left
-        driven = item.driven + before - distance
+        below = 0.0 if camera is None else camera.ahead
+        driven = item.driven + math.hypot(item.x - below, item.y) - math.hypot(x - below, y)
         path = math.hypot(motion.x, motion.y)
         growth += settings.moved_error * path
         turned = settings.moved_error * abs(motion.turn) + settings.bend_error * path
@@ -453,7 +466,8 @@ def _recover(
     settings: TrackingSettings,
 ) -> None:
     """Associate what counts and is missing with a sighting that is nobody's, a little farther away than it should be:
-    the wheels obey late, the camera nods, and a second track of one thing would be a second thing. Adds to found.
+    the wheels obey late, the camera nods, and a second track of one thing would be a second thing. But what stands
+    beyond a line is not what stood in our lane. Adds to found.
     """
     missing = [i for i, item in enumerate(tracks) if item.confirmed and i not in found and not places[i].passed]
     if not missing:
@@ -466,7 +480,8 @@ def _recover(
         for j in free
     )
     for off, distance, i, j in pairs:
-        if off <= settings.reach * distance and i not in found and j not in taken:
+        beside = shown[j].sighting.obstacle.in_lane is False and _side(tracks[i].votes, settings) is not False
+        if off <= settings.reach * distance and not beside and i not in found and j not in taken:
             found[i] = j
             taken.add(j)
 
@@ -487,6 +502,7 @@ def _begun(one: _Shown, stamp: int, settings: TrackingSettings) -> Track:
         seen=stamp,
         stamp=stamp,
         hidden=False,
+        adrift=0.0,
         last=obstacle,
         to_left=obstacle.to_left,
         to_right=obstacle.to_right,
@@ -510,11 +526,13 @@ def _continued(
     trust = max(one.confidence, 0.1)  # what is hardly seen is badly placed
     dx, dy = one.x - place.x, one.y - place.y
     off_along, off_across = dx * place.ahead + dy * place.left, dy * place.ahead - dx * place.left
-    if sighting.cut:
-        off_along = min(off_along, 0.0)
+    clamped = sighting.cut and off_along > 0  # it tells only that the foot is nearer than the picture's lowest row
+    off_along = 0.0 if clamped else off_along
     # a place that is off by more than its error can explain was not known as well as it seemed
     along, gain_along = _filtered(max(place.along, abs(off_along) / settings.gate), one.along, trust)
     across, gain_across = _filtered(max(place.across, abs(off_across) / settings.gate), one.across, trust)
+    if clamped:
+        along = place.along
     move_along, move_across = gain_along * off_along, gain_across * off_across
     x = place.x + move_along * place.ahead - move_across * place.left
     y = place.y + move_along * place.left + move_across * place.ahead
@@ -526,11 +544,14 @@ def _continued(
     far = sighting.top_distance
     new = not looks or abs(driven - looks[-1].driven) >= LOOK_STEP
     if new and camera is not None and far is not None and not sighting.cut:
-        looks = (*looks[-MOST_LOOKS + 1 :], Look(driven, one.distance - camera.ahead, far - camera.ahead))
+        reach = math.hypot(one.x - camera.ahead, one.y)  # from the road below the camera
+        looks = (*looks[-MOST_LOOKS + 1 :], Look(driven, reach, reach + far - one.distance))
         height = height_from_motion(looks, camera.height, settings.height_row_error)
         if height is not None:
             height_evidence = evidence_of_height(height, camera.height, settings)
     evidence = _gained(item.evidence, one.confidence, share, settings)
+    if not item.confirmed:  # weak sightings before a sure one do not hold it up
+        evidence = max(evidence, min(_logit(one.confidence), _level(settings.first)))
     return Track(
         x=x,
         y=y,
@@ -545,6 +566,7 @@ def _continued(
         seen=stamp,
         stamp=stamp,
         hidden=False,
+        adrift=0.0,
         last=obstacle,
         to_left=item.to_left if obstacle.to_left is None else obstacle.to_left,
         to_right=item.to_right if obstacle.to_right is None else obstacle.to_right,
@@ -563,7 +585,9 @@ def _missed(
     settings: TrackingSettings,
 ) -> Track:
     """The track after a picture that does not show it, which counts against it only where it should be seen."""
-    hidden = not _in_sight(place, item.radius, visible) or any(_covers(other, place) for other in seen)
+    hidden = not _in_sight(place, item.radius, visible) or any(
+        _covers(other, place) for other in seen if other.confidence >= COVERING
+    )
     evidence = item.evidence if hidden else _gained(item.evidence, settings.missed, share, settings)
     return Track(
         x=place.x,
@@ -579,6 +603,7 @@ def _missed(
         seen=item.seen,
         stamp=stamp,
         hidden=hidden,
+        adrift=item.adrift + (age(item.stamp, stamp) if place.driven is None else 0.0),
         last=item.last,
         to_left=item.to_left,
         to_right=item.to_right,
@@ -642,10 +667,13 @@ def _side(votes: Votes, settings: TrackingSettings) -> Optional[bool]:
     return votes.inside >= votes.outside
 
 
-def _alive(item: Track, stamp: int, motion: Optional[Motion], settings: TrackingSettings) -> bool:
+def _alive(item: Track, stamp: int, settings: TrackingSettings) -> bool:
     """Out of sight, a thing near the robot is remembered as long as the robot's motion tells where it is."""
     if item.odds < _level(settings.forgotten):
         return False
-    near = math.hypot(item.x, item.y) < settings.near
-    limit = settings.longest_hold if motion is not None and near and item.confirmed else settings.hold
-    return age(item.seen, stamp) <= limit
+    limit = settings.longest_hold if item.confirmed and _near(item, settings) else settings.hold
+    return age(item.seen, stamp) <= limit and item.adrift <= settings.hold
+
+
+def _near(item: Track, settings: TrackingSettings) -> bool:
+    return math.hypot(item.x, item.y) < settings.near
