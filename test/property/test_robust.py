@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import List
+from typing import List, Tuple
 
 import cv2
 import numpy as np
@@ -24,6 +24,10 @@ CALIBRATION = calibration_of(Camera())
 DETECTOR = start(CALIBRATION, detection_settings())
 SURE, HALF_SURE = 0.9, 0.3
 """What has the one confidence in a picture has at least the other in the same picture changed."""
+FOUND = 0.6
+"""Of all things, hidden ones included, so many are sure; else it means little that those which are found are right."""
+TOLD = 0.7
+"""[m] Farther away a small cone has 10 rows of the working picture, and may pass for a duckie."""
 
 things = st.builds(
     Thing,
@@ -32,7 +36,15 @@ things = st.builds(
     y=numbers(-0.25, 0.25),
     height=numbers(0.045, 0.07),
 )
-scenes = st.builds(Scene, st.tuples(things, things) | st.tuples(things))
+
+
+def apart(two: Tuple[Thing, Thing]) -> bool:
+    """Neither stands in the other: what such a thing is nobody can say."""
+    one, other = two
+    return math.hypot(one.x - other.x, one.y - other.y) > one.radius + other.radius
+
+
+scenes = st.builds(Scene, st.tuples(things, things).filter(apart) | st.tuples(things))
 poses = st.builds(RobotPose, y=numbers(-0.04, 0.04), heading=numbers(-0.2, 0.2))
 
 
@@ -50,45 +62,74 @@ def is_there(one: Obstacle, others: List[Obstacle], side: int = 1) -> bool:
         abs(other.x - one.x) < reach
         and abs(side * other.y - one.y) < 0.03
         and abs(other.radius - one.radius) < 0.012
-        and other.kind is one.kind
+        and (other.kind is one.kind or one.x > TOLD)
         for other in others
     )
 
 
-def agree(one: Array, other: Array, side: int = 1) -> None:
-    """What is sure in one picture is there in the other."""
+def agree(one: Array, other: Array, side: int = 1) -> float:
+    """What is sure in one picture is there in the other. Returns how many are sure, on the average."""
+    count = 0
     for here, there in ((one, other), (other, one)):
         found = seen(there, HALF_SURE)
         for obstacle in seen(here, SURE):
             assert is_there(obstacle, found, side), (obstacle, found)
+            count += 1
+    return count / 2
 
 
-@settings(max_examples=EXAMPLES)
-@given(scenes, poses)
-def test_a_mirrored_picture_shows_mirrored_things(scene: Scene, pose: RobotPose) -> None:
-    picture = draw(scene, CALIBRATION, pose)
-    agree(picture, np.ascontiguousarray(picture[:, ::-1]), -1)
+def most_are_found(counts: List[Tuple[float, int]]) -> None:
+    """counts: of each scene, how many were sure and how many stand there."""
+    assert len(counts) >= EXAMPLES
+    found, there = np.sum(counts, axis=0)
+    assert found >= FOUND * there, (found, there)
 
 
-@settings(max_examples=EXAMPLES)
-@given(scenes, poses, numbers(0.2, 1.1))
-def test_the_lights_strength_changes_nothing(scene: Scene, pose: RobotPose, factor: float) -> None:
-    picture = draw(scene, CALIBRATION, pose)
-    agree(picture, brighter(picture, factor))
+def test_a_mirrored_picture_shows_mirrored_things() -> None:
+    counts: List[Tuple[float, int]] = []
+
+    @settings(max_examples=EXAMPLES)
+    @given(scenes, poses)
+    def holds(scene: Scene, pose: RobotPose) -> None:
+        picture = draw(scene, CALIBRATION, pose)
+        counts.append((agree(picture, np.ascontiguousarray(picture[:, ::-1]), -1), len(scene.things)))
+
+    holds()
+    most_are_found(counts)
 
 
-@settings(max_examples=EXAMPLES)
-@given(scenes, poses)
-def test_things_that_are_found_are_where_things_stand(scene: Scene, pose: RobotPose) -> None:
+def test_the_lights_strength_changes_nothing() -> None:
+    counts: List[Tuple[float, int]] = []
+
+    @settings(max_examples=EXAMPLES)
+    @given(scenes, poses, numbers(0.2, 1.1))
+    def holds(scene: Scene, pose: RobotPose, factor: float) -> None:
+        picture = draw(scene, CALIBRATION, pose)
+        counts.append((agree(picture, brighter(picture, factor)), len(scene.things)))
+
+    holds()
+    most_are_found(counts)
+
+
+def test_things_that_are_found_are_where_things_stand() -> None:
     """Nothing sure is elsewhere, and nothing is found twice."""
-    found = seen(draw(scene, CALIBRATION, pose), SURE)
-    assert len(found) <= len(scene.things)
-    for one in found:
-        distances = []
-        for thing in scene.things:
-            x, y = robot_from_world(thing.x, thing.y, pose)
-            distances.append(math.hypot(x - one.x, y - one.y) - thing.radius)
-        assert min(distances) < 0.05 + 0.08 * math.hypot(one.x, one.y)
+    counts: List[Tuple[float, int]] = []
+
+    @settings(max_examples=EXAMPLES)
+    @given(scenes, poses)
+    def holds(scene: Scene, pose: RobotPose) -> None:
+        found = seen(draw(scene, CALIBRATION, pose), SURE)
+        assert len(found) <= len(scene.things)
+        for one in found:
+            distances = []
+            for thing in scene.things:
+                x, y = robot_from_world(thing.x, thing.y, pose)
+                distances.append(math.hypot(x - one.x, y - one.y) - thing.radius)
+            assert min(distances) < 0.05 + 0.08 * math.hypot(one.x, one.y)
+        counts.append((len(found), len(scene.things)))
+
+    holds()
+    most_are_found(counts)
 
 
 @settings(max_examples=EXAMPLES)

@@ -21,6 +21,7 @@ from unit.drawn import Scene, Thing
 from obst_avoid import msg as messages
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.detection.robust.features import NAMES
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.types import Box, Command, Kind, LanePose, Obstacle, Stamped
@@ -272,6 +273,40 @@ def test_help(name: str, capsys: pytest.CaptureFixture) -> None:
         TOOLS[name].main(['--help'])
     assert ended.value.code == 0
     assert 'usage: ' + name in capsys.readouterr().out
+
+
+@pytest.fixture
+def broken_trees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The detector's forests are not where they should be, or only a part of them."""
+    path, whole = tmp_path / 'trees.npz', Path(trees.FILE).read_bytes()
+    monkeypatch.setattr(trees, 'FILE', str(path))
+
+    def cut(share: float) -> str:
+        if share:
+            path.write_bytes(whole[: int(share * len(whole))])
+        trees.shipped.cache_clear()
+        return str(path)
+
+    yield cut
+    trees.shipped.cache_clear()
+
+
+@pytest.mark.parametrize('share', [0.0, 0.7])
+@pytest.mark.parametrize('name', ['detect_images', 'show_steps', 'bench', 'run_bag'])
+def test_without_its_forests_a_tool_ends_with_a_sentence(
+    name: str,
+    share: float,
+    broken_trees: Callable[[float], str],
+    pictures: Path,
+    bag: str,
+    tmp_path: Path,
+    sentence: Callable[[str], str],
+) -> None:
+    path = broken_trees(share)
+    output = {'detect_images': 'o.json', 'show_steps': 'steps', 'bench': 'bench.json', 'run_bag': 'out.bag'}[name]
+    shown = bag if name == 'run_bag' else str(pictures / 'b.jpg')
+    assert TOOLS[name].main([*DEFAULT, '--output', str(tmp_path / output), shown]) == 1
+    assert '%s is no file of train_detector' % path in sentence(name)
 
 
 def test_tools_are_installed(pictures: Path, tmp_path: Path) -> None:

@@ -6,21 +6,30 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, List
+from typing import Any, Callable, Dict, List, Tuple
 
 import cv2
 import numpy as np
 import pytest
 from helpers import REPOSITORY, default_calibration, picture_of, run_program
 from unit.drawn import Scene
+from unit.drawn import Thing as Placed
 
 from obst_avoid.core import detection
+from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.detection.robust.features import NAMES
+from obst_avoid.core.detection.robust.judgement import judge
+from obst_avoid.core.detection.robust.light import LINEAR, estimate_light, relative
+from obst_avoid.core.detection.robust.regions import find_regions
 from obst_avoid.core.detection.robust.trees import STAGES, summed
+from obst_avoid.core.detection.robust.view import make_view, working_picture
+from obst_avoid.core.types import Kind
 from obst_avoid.offline import render_dataset, train_detector
+from obst_avoid.offline.pictures import read_picture
 from obst_avoid.offline.tool import ToolError
-from obst_avoid.offline.training.samples import Dataset, read_datasets, read_labels, samples_of
+from obst_avoid.offline.training import samples as sampling
+from obst_avoid.offline.training.samples import Dataset, Samples, Thing, read_datasets, read_labels, samples_of
 
 CALIBRATIONS = str(REPOSITORY / 'config' / 'calibrations')
 PICTURES = 12
@@ -135,6 +144,39 @@ def test_the_forests_say_what_xgboost_says() -> None:
         np.testing.assert_allclose(summed(forest_of(booster), values), expected, atol=1e-3)
 
 
+def made_up(random: np.random.RandomState, count: int) -> Samples:
+    """Regions of one picture whose first values tell thing, cone, foot and radius; ignored ones say the reverse."""
+    values = random.randn(count, len(NAMES)).astype(np.float32)
+    ignored = random.rand(count) < 0.2
+    thing = (values[:, 0] > 0.8) != ignored
+    return Samples(
+        'a', 'a.jpg', 0, values, np.where(thing, 0.8, 0.0), thing, ignored,
+        cone=thing & ((values[:, 1] > 0) != ignored),
+        foot=np.where(thing, np.where(ignored, -1, 1) * 0.2 * np.tanh(values[:, 2]), np.nan),
+        radius=np.where(thing, np.where(ignored, -1, 1) * 0.5 * np.tanh(values[:, 3]), np.nan),
+        box=np.zeros((count, 4)),
+    )  # fmt: skip
+
+
+@growing
+def test_each_forest_learns_its_own_from_all_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows are picked picture by picture, for each forest others: what is learnt belongs to its row."""
+    from obst_avoid.offline.training import fit
+
+    monkeypatch.setattr(fit, 'TREES', 150)
+    random = np.random.RandomState(0)
+    pictures = [made_up(random, count) for count in (700, 150, 1, 900, 400, 60, 800)]
+    forests = fit.grown(pictures, 1)
+    values = np.random.RandomState(1).randn(1500, len(NAMES)).astype(np.float32)
+    odds, cone, foot, radius = (summed(forests[name], values) for name in ('thing', 'cone', 'foot', 'radius'))
+    thing = values[:, 0] > 0.8
+    assert ((odds > 0) == thing).mean() > 0.95
+    assert ((cone > 0) == (values[:, 1] > 0))[thing].mean() > 0.9
+    assert np.corrcoef(foot, np.tanh(values[:, 2]))[0, 1] > 0.9
+    assert np.corrcoef(radius, np.tanh(values[:, 3]))[0, 1] > 0.9
+    assert np.isfinite(odds[thing]).mean() > 0.9, 'hopeless is what is none'
+
+
 def test_what_is_held_out_is_not_looked_at(rendered: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
     labels = json.loads(next(rendered.rglob('labels.json')).read_text())
     for image in labels['images']:
@@ -182,6 +224,184 @@ def test_copies_differ_and_are_the_same_each_time(rendered: Path) -> None:
     np.testing.assert_array_equal(first.values, again.values)
     assert first.values.shape != other.values.shape or not np.array_equal(first.values, other.values)
     assert np.isnan(first.radius).all(), 'through another camera metres are lost'
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_boxes_move_with_the_picture_into_another_camera(seed: int) -> None:
+    """Zoomed, shifted, rolled and perhaps mirrored: a box's middle stays on its thing, and metres are lost."""
+    boxes = [(150.0, 190.0, 40.0, 30.0), (450.0, 200.0, 30.0, 40.0), (300.0, 330.0, 20.0, 24.0)]
+    picture = np.zeros((480, 640, 3), np.uint8)
+    for channel, (left, top, width, height) in enumerate(boxes):
+        picture[int(top) : int(top + height), int(left) : int(left + width), channel] = 255
+    things = [Thing('duckie', boxes[0], (220.0, 0.5, 0.02)), Thing('cone', boxes[1], None)]
+    moved, kept, ignored = sampling._through_another_camera(picture, things, boxes[2:], np.random.RandomState(seed))
+    assert [(one.kind, one.place) for one in kept] == [('duckie', None), ('cone', None)]
+    for channel, (left, top, width, height) in enumerate([one.box for one in kept] + ignored):
+        sums = cv2.moments(moved[..., channel])
+        middle = sums['m10'] / sums['m00'] + 0.5, sums['m01'] / sums['m00'] + 0.5
+        assert (left + width / 2, top + height / 2) == pytest.approx(middle, abs=1.0)
+        assert width * height == pytest.approx(sums['m00'] / 255, rel=0.05)
+
+
+WHOLE = (300.0, 250.0, 40.0, 40.0)
+"""[px] left, top, width, height of something that every copy shows."""
+
+
+@pytest.mark.parametrize(
+    'box',
+    [
+        pytest.param((2.0, 200.0, 40.0, 40.0), id='at the left edge'),
+        pytest.param((596.0, 260.0, 42.0, 40.0), id='at the right edge'),
+        pytest.param((200.0, 436.0, 40.0, 42.0), id='at the lower edge'),
+        pytest.param((400.0, 200.0, 30.0, 13.0), id='low'),
+    ],
+)
+def test_what_a_copy_hardly_shows_is_neither_a_thing_nor_none(box: Tuple[float, ...]) -> None:
+    """Less than half of it, or too low after the zoom: it is ignored, and what is left of it is where it is seen."""
+    picture = np.zeros((480, 640, 3), np.uint8)
+    for channel, (left, top, width, height) in enumerate((WHOLE, box)):
+        picture[int(top) : int(top + height), int(left) : int(left + width), channel] = 255
+    things = [Thing('cone', WHOLE, None), Thing('duckie', box, None)]
+    fates = []
+    for seed in range(60):
+        copy, kept, ignored = sampling._through_another_camera(picture, things, [], np.random.RandomState(seed))
+        assert kept[0].kind == 'cone'
+        whole, shown = (float(copy[..., channel].sum()) / 255 for channel in (0, 1))
+        zoom = np.sqrt(whole / (WHOLE[2] * WHOLE[3]))
+        part, height = shown / (zoom**2 * box[2] * box[3]), zoom * box[3] * (copy[..., 1].max() > 0)
+        if abs(part - sampling.LEAST_PART) < 0.06 or abs(height - sampling.LEAST_HEIGHT) < 0.5:
+            continue  # a rolled box is a little larger than what is in it
+        good = part > sampling.LEAST_PART and height > sampling.LEAST_HEIGHT
+        fates.append((good, part > 0.02))
+        assert [one.kind for one in kept[1:]] == (['duckie'] if good else []), seed
+        if not good and part > 0.02:
+            ((left, top, across, down),) = ignored
+            assert across > 0 and down > 0
+            rows, columns = np.nonzero(copy[..., 1] > 128)
+            middle = columns.mean() + 0.5, rows.mean() + 0.5
+            assert (left + across / 2, top + down / 2) == pytest.approx(middle, abs=2.0), seed
+        elif good:
+            assert ignored == []
+    assert (True, True) in fates
+    assert (False, True) in fates
+
+
+def label_of(thing: Placed) -> Dict[str, Any]:
+    """The annotation of a drawn thing before the robot: its box by what it changes in the picture."""
+    change = np.abs(picture_of(Scene((thing,))).astype(int) - picture_of(Scene())).max(axis=2) > 40
+    rows, columns = np.flatnonzero(change.any(axis=1)), np.flatnonzero(change.any(axis=0))
+    box = [columns[0], rows[0], columns[-1] + 1 - columns[0], rows[-1] + 1 - rows[0]]
+    near = 1 - thing.radius / np.hypot(thing.x, thing.y)
+    place = {'x': near * thing.x, 'y': near * thing.y, 'radius': thing.radius}
+    return {'category': 'duckie', 'bbox': [float(value) for value in box], **place}
+
+
+def test_regions_on_what_a_copy_hardly_shows_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are neither what the judgement shall find nor what it shall not."""
+    thing = Placed(Kind.DUCKIE, 0.35, 0.3)
+    label = label_of(thing)
+    assert label['bbox'][0] < 80, 'near the left edge'
+    cv2.imwrite(str(tmp_path / 'a.png'), picture_of(Scene((thing,))))
+    dataset = Dataset('', str(tmp_path), CALIBRATIONS, 'default', 1)
+    moved: List[Any] = []
+    through = sampling._through_another_camera
+    monkeypatch.setattr(sampling, 'ZOOM', 0.4)
+    monkeypatch.setattr(sampling, '_through_another_camera', lambda *given: moved.append(through(*given)) or moved[-1])
+    complete = {'duckie': 'all', 'cone': 'all'}
+    picture = {'file_name': 'a.png', 'width': 640, 'height': 480, 'complete': complete}
+    lost = 0
+    for copy in range(1, 25):
+        found = samples_of(dataset, picture, [label], copy)
+        _, kept, ignored = moved[-1]
+        if kept or not ignored or found is None:
+            assert found is None or not found.ignored.any()
+            continue
+        ((left, top, width, height),) = ignored
+        middle, foot = found.box[:, 0] + found.box[:, 2] / 2, found.box[:, 1] + found.box[:, 3]
+        on_it = (middle > left) & (middle < left + width) & (foot > top + height / 2) & (foot < top + height + 2)
+        similar = on_it & (found.box[:, 2] < 1.5 * width) & (found.box[:, 3] < 1.5 * height)
+        lost += int(similar.any())
+        assert found.ignored[similar].all()
+        assert not found.touches.any()
+        assert found.overlap.max() == 0
+    assert lost >= 3
+
+
+def test_pictures_of_one_width_and_other_heights_have_their_own_calibrations(tmp_path: Path) -> None:
+    """One of another aspect was cut somewhere, whatever came before it."""
+    dataset = Dataset('', str(tmp_path), CALIBRATIONS, 'default', 1)
+    made = {height: sampling._calibration(dataset, 640, height) for height in (480, 482, 479)}
+    for height, calibration in made.items():
+        assert (calibration.width, calibration.height) == (640, height)
+        view = sampling._view(dataset, calibration)
+        assert view.height == round(height / 2)
+        assert sampling._calibration(dataset, 640, height) is calibration, 'made once'
+    with pytest.raises(CalibrationError, match='the picture is 640x360, expected the aspect of 640x480'):
+        sampling._calibration(dataset, 640, 360)
+
+
+@pytest.mark.parametrize('ahead, cut', [(0.1, True), (0.12, True), (0.3, False), (0.6, False)])
+@pytest.mark.parametrize('aside', [0.0, 0.05])
+def test_what_the_radius_is_learnt_from_gives_the_radius(
+    ahead: float, aside: float, cut: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, detection_settings: Any
+) -> None:
+    """A forest that says just what it was taught leads the judgement to the true one."""
+    thing = Placed(Kind.DUCKIE, ahead, aside)
+    label = label_of(thing)
+    cv2.imwrite(str(tmp_path / 'a.png'), picture_of(Scene((thing,))))
+    shown = read_picture(str(tmp_path / 'a.png'))
+    dataset = Dataset('', str(tmp_path), CALIBRATIONS, 'default', 1)
+    found = samples_of(dataset, {'file_name': 'a.png', 'width': 640, 'height': 480}, [label], 0)
+    assert found is not None
+    calibration = default_calibration()
+    view = make_view(calibration)
+    regions = find_regions(relative(working_picture(shown, view), estimate_light(shown)), view)
+    np.testing.assert_array_equal(regions.box * view.scale, found.box)
+    chosen = np.flatnonzero(found.overlap > 0.6)
+    assert len(chosen) > 3
+    assert (found.values[chosen, NAMES.index('cut_low')] == cut).all()
+    for row in chosen:
+        taught = {
+            'thing': np.where(np.arange(len(regions)) == row, 3.0, -9.0),
+            'cone': np.array([-1.0]),
+            'foot': found.foot[[row]],
+            'radius': found.radius[[row]],
+        }
+        monkeypatch.setattr(trees, 'shipped', lambda taught=taught: taught)
+        monkeypatch.setattr(trees, 'summed', lambda forest, values: forest)
+        (one,) = judge(regions, found.values, view, calibration, detection_settings.robust)
+        assert (one.row, one.cut) == (row, cut)
+        assert one.radius == pytest.approx(thing.radius, rel=1e-3 if cut else 0.05)
+        assert cut or one.x == pytest.approx(label['x'], rel=0.02)
+
+
+def test_copies_are_rolled_either_way() -> None:
+    """By a few degrees, and a right angle stays one."""
+    turned = []
+    for seed in range(20):
+        corners = [(150.0, 150.0), (450.0, 150.0), (150.0, 350.0)]
+        things = [Thing('duckie', (*corner, 30.0, 30.0), None) for corner in corners]
+        blank = np.zeros((480, 640, 3), np.uint8)
+        _, kept, _ = sampling._through_another_camera(blank, things, [], np.random.RandomState(seed))
+        corner, across, down = np.array([one.box[:2] for one in kept])
+        (right, rise), below = across - corner, down - corner
+        assert right * below[0] + rise * below[1] == pytest.approx(0, abs=1.0)
+        turned.append(np.degrees(np.arctan(rise / right)))
+    assert min(turned) < -1.5
+    assert max(turned) > 1.5
+    assert np.abs(turned).max() <= sampling.ROLL + 1e-6
+
+
+def test_some_copies_are_lit_by_lamps_of_different_colours() -> None:
+    """Shading is the same left and right, noise is everywhere: what is not is the lamps'."""
+    grey = np.full((240, 320, 3), 100, np.uint8)
+    uneven = []
+    for seed in range(30):
+        picture = sampling._in_another_light(grey, np.random.RandomState(seed))
+        light = cv2.resize(LINEAR[picture], (8, 6), interpolation=cv2.INTER_AREA)
+        blueness = np.log2(light[..., 0] / light[..., 2])
+        uneven.append(np.abs(blueness - blueness[:, ::-1]).max() > 0.5)
+    assert 5 <= sum(uneven) <= 18
 
 
 def test_a_picture_without_a_region_is_no_sample(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from obst_avoid.core.detection.robust.lines import (
 )
 from obst_avoid.core.types import Array
 from unit import drawn
+from unit.cameras import Camera, calibration_of
 from unit.shipped import default_calibration
 
 ROAD = LINEAR[list(drawn.ASPHALT)]
@@ -41,6 +42,28 @@ def sampling() -> LineSampling:
 def lines_at(d: float = 0.0, phi: float = 0.0, stop_line: float = float('inf')):
     picture = drawn.draw(drawn.Scene(stop_line=stop_line), calibration(), drawn.RobotPose(0, d, phi))
     return find_lines(picture, sampling(), ROAD)
+
+
+@pytest.mark.parametrize('yaw', [-8.0, 8.0])
+@pytest.mark.parametrize('roll', [-5.5, 0.0, 5.5])
+@pytest.mark.parametrize('pitch', [15.0, 21.0])
+def test_a_camera_that_looks_aside_has_samples_where_it_sees_them(yaw, roll, pitch):
+    """Some of the nearest row's road lies behind it."""
+    camera = Camera(pitch=pitch, roll=roll, yaw=yaw)
+    made = make_sampling(calibration_of(camera))
+    count = len(made.scan)
+    assert count > 10000
+    assert made.ground.shape == (count, 2)
+    assert made.map_part.shape == made.whole.shape == (1, count)
+    assert np.isfinite(made.ground).all()
+    assert (np.diff(made.scan) >= 0).all()
+    pixels = made.map_pixel[0].astype(float)
+    assert (pixels >= 0).all()
+    assert (pixels <= (camera.width - 1, camera.picture_height - 1)).all()
+    expected = camera.image_from_robot(np.column_stack([made.ground, np.zeros(count)]))
+    off = expected - pixels  # what is left of a pixel is in map_part
+    assert off.min() > -0.1
+    assert off.max() < 1.1
 
 
 def left_of_middle(line: Line, d: float, phi: float) -> float:

@@ -11,6 +11,7 @@ import pytest
 from obst_avoid.core.calibration import Calibration, scaled
 from obst_avoid.core.detection import Detector, detect, start
 from obst_avoid.core.detection.robust.detector import RobustState
+from obst_avoid.core.detection.robust.features import NAMES, NO_LINE
 from obst_avoid.core.detection.robust.light import FASTEST
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.types import Box, Command, Obstacle, Scene, Stamped
@@ -272,6 +273,16 @@ def test_the_stages_are_traced_in_order(detector: Detector, camera: Camera) -> N
     detect(detector, picture, None, trace=traced.__setitem__)
     assert traced['obstacles'] == scene.obstacles
     assert len(traced['values']) == len(traced['regions'])
+
+
+def test_regions_are_measured_against_the_lines_of_the_same_picture(detector: Detector, camera: Camera) -> None:
+    traced: Dict[str, Any] = {}
+    detect(detector, camera.take((standing('duckie', 0.45, 0.05),))[0], None, trace=traced.__setitem__)
+    lines, _ = traced['lane']
+    width, blue = (traced['values'][:, NAMES.index(name)] for name in ('line_width', 'line_blue'))
+    shown = np.float32([(line.width, line.blueness) for line in lines])
+    assert set(zip(width, blue)) <= {tuple(one) for one in shown} | {(NO_LINE, NO_LINE)}
+    assert len(set(width) - {NO_LINE}) >= 2
 
 
 def test_the_surest_comes_first(detector: Detector, camera: Camera) -> None:

@@ -14,6 +14,7 @@ from obst_avoid.core.detection.robust.light import (
     FIRST_ROW,
     LAST_ROW,
     LINEAR,
+    LONGEST,
     Light,
     estimate_light,
     followed,
@@ -138,6 +139,13 @@ def test_no_time_and_time_backwards_change_nothing() -> None:
     before = Light((0.1, 0.2, 0.3))
     for seconds in (0.0, -5.0):
         assert followed(before, Light((0.9, 0.001, 0.5)), seconds).road == pytest.approx(before.road)
+
+
+@pytest.mark.parametrize('seconds', [LONGEST + 0.1, 1100.0, 1e9])
+def test_after_a_long_gap_the_light_before_says_nothing(seconds: float) -> None:
+    seen = Light((0.9, 0.001, 0.5))
+    for before in (Light((1e-4, 1e-4, 1e-4)), Light((1.0, 1.0, 1.0))):
+        assert followed(before, seen, seconds) == seen
 
 
 @pytest.mark.parametrize('size', [(4, 3), (8, 6), (12, 9), (20, 15)], ids='%dx%d'.__mod__)

@@ -1,4 +1,4 @@
-"""core.detection.robust.regions: components at every level, and paint that is opened away."""
+"""core.detection.robust.regions: components at every level, paint that is opened away, and bands that are closed."""
 
 from typing import Any, List, Tuple
 
@@ -10,27 +10,37 @@ from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.detection.robust.light import estimate_light, relative
 from obst_avoid.core.detection.robust.regions import (
     BLUE_LEVELS,
-    CHANNELS,
+    BLUELESS,
+    BRIGHT,
+    BRIGHT_LEVELS,
+    DARK,
+    DARK_LEVELS,
     FLATTEST,
     GREEN_LEVELS,
-    LOWEST_FOOT,
+    JOINED,
+    RED,
     SLIMMEST,
     SMALLEST,
+    WIDE,
     WIDEST,
+    YELLOW,
     YELLOW_LEVELS,
     Regions,
     find_regions,
+    joined,
     opened,
 )
-from obst_avoid.core.detection.robust.view import TAPE, View, make_view, working_picture
+from obst_avoid.core.detection.robust.view import BAND, FARTHEST_FOOT, TAPE, View, make_view, working_picture
 from unit.cameras import Camera, calibration_of
 from unit.scenes import cone, duckie, picture_of
 
-YELLOW, RED, BLUELESS, WIDE = range(CHANNELS)
+CHANNELS = (YELLOW, RED, BLUELESS, WIDE, JOINED, BRIGHT, DARK)
 CAMERA = calibration_of(Camera())
 SIZES = [(320, 240), (640, 480), (1280, 960)]
 PLACE = (120, 110)
 """Left and top of a patch on the road, in the working picture."""
+DUCKIE, ORANGE, WHITE = (0.3, 4.0, 5.0), (0.3, 0.8, 4.0), (6.0, 6.0, 6.0)
+"""Light of a duckie, of a cone and of its band."""
 
 
 @pytest.fixture(scope='module')
@@ -82,7 +92,7 @@ def check(regions: Regions, view: View) -> None:
     assert (width < WIDEST).all()
     assert (width < FLATTEST * height).all()
     assert (height < SLIMMEST * width).all()
-    assert (top + height >= LOWEST_FOOT * view.height).all()
+    assert (top + height > view.foot).all()
     u, v = regions.middle.T
     assert ((u >= left) & (u <= left + width) & (v >= top) & (v <= top + height)).all()
     for index in range(count):
@@ -95,10 +105,11 @@ def check(regions: Regions, view: View) -> None:
         assert tuple(regions.box[index]) == expected
 
 
-def test_levels_rise_for_yellow_and_fall_for_ratios() -> None:
-    assert (np.diff(YELLOW_LEVELS) > 0).all()
-    steps = np.diff(np.log(YELLOW_LEVELS))
-    assert steps == pytest.approx(np.full(len(steps), steps[0]))  # _reached counts on it
+def test_levels_rise_for_light_and_fall_for_ratios() -> None:
+    for levels in (YELLOW_LEVELS, BRIGHT_LEVELS, DARK_LEVELS):
+        assert (np.diff(levels) > 0).all()
+        steps = np.diff(np.log(levels))
+        assert steps == pytest.approx(np.full(len(steps), steps[0]))  # _reached counts on it
     for levels in (GREEN_LEVELS, BLUE_LEVELS):
         assert (np.diff(levels) < 0).all()
         assert levels * 20 == pytest.approx(np.rint(levels * 20))  # _fallen counts on it
@@ -147,18 +158,22 @@ def test_a_drawn_duckie_and_a_drawn_cone_are_regions_of_their_size(size: Tuple[i
 @pytest.mark.parametrize(
     'color, channels',
     [
-        pytest.param((0.3, 4.0, 5.0), {YELLOW, BLUELESS, WIDE}, id='a duckie'),
-        pytest.param((0.3, 0.8, 4.0), {YELLOW, RED, BLUELESS, WIDE}, id='a cone'),
-        pytest.param((0.03, 0.1, 0.12), {BLUELESS}, id='a duckie in the dark'),
-        pytest.param((6.0, 6.0, 6.0), set(), id='white'),
-        pytest.param((0.2, 0.2, 0.2), set(), id='a shadow'),
+        pytest.param(DUCKIE, {YELLOW, BLUELESS, WIDE, BRIGHT}, id='a duckie'),
+        pytest.param(ORANGE, {YELLOW, RED, BLUELESS, WIDE, JOINED, DARK}, id='a cone'),
+        pytest.param((0.03, 0.1, 0.12), {BLUELESS, DARK}, id='a duckie in the dark'),
+        pytest.param((3.0, 3.0, 1.5), {BRIGHT}, id='a duckie in blue and green light'),
+        pytest.param((5.0, 5.0, 0.9), {BRIGHT}, id='cyan'),
+        pytest.param(WHITE, {BRIGHT}, id='white'),
+        pytest.param((0.2, 0.2, 0.2), {DARK}, id='a shadow'),
+        pytest.param((0.02, 0.02, 0.02), {DARK}, id='the underside of a cone'),
+        pytest.param((0.9, 0.9, 0.9), set(), id='hardly a shadow'),
         pytest.param((4.0, 1.0, 0.9), set(), id='blue'),
     ],
 )
 def test_each_channel_sees_its_colour(view: View, color: Tuple[float, float, float], channels: set) -> None:
     regions = find_regions(patch(asphalt(view), (*PLACE, 30, 30), color), view)
     check(regions, view)
-    assert {channel for channel in range(CHANNELS) if near(boxes(regions, channel), (*PLACE, 30, 30))} == channels
+    assert {channel for channel in CHANNELS if near(boxes(regions, channel), (*PLACE, 30, 30))} == channels
 
 
 def test_the_levels_of_a_thing_are_those_below_its_value(view: View) -> None:
@@ -169,12 +184,43 @@ def test_the_levels_of_a_thing_are_those_below_its_value(view: View) -> None:
         assert len(levels) == (YELLOW_LEVELS < yellow).sum()
 
 
+def test_green_light_reaches_the_levels_below_it(view: View) -> None:
+    for green in (1.1, 1.5, 6.0, 70.0):
+        regions = find_regions(patch(asphalt(view), (*PLACE, 20, 20), (green, green, green)), view)
+        assert set(regions.channel) <= {BRIGHT}
+        assert sorted(regions.level) == list(range((BRIGHT_LEVELS < green).sum()))  # each once
+
+
+def test_darkness_is_asphalts_green_against_the_things(view: View) -> None:
+    for green in (0.9, 0.8, 0.3, 0.05):
+        regions = find_regions(patch(asphalt(view), (*PLACE, 20, 20), (green, green, green)), view)
+        assert set(regions.channel) <= {DARK}
+        assert sorted(regions.level) == list(range((DARK_LEVELS < 1 / green).sum()))  # each once
+
+
 def test_green_against_red_falls_through_its_levels(view: View) -> None:
     for ratio in (0.9, 0.72, 0.33, 0.07):
         regions = find_regions(patch(asphalt(view), (*PLACE, 20, 20), (1.0, ratio, 1.0)), view)
         levels = regions.level[regions.channel == RED]
         assert sorted(levels) == list(range(len(levels)))
         assert len(levels) == (GREEN_LEVELS > ratio).sum()
+
+
+@pytest.mark.parametrize('channel', [BRIGHT, DARK])
+def test_mirrored_light_has_mirrored_regions(view: View, channel: int) -> None:
+    noise = np.random.RandomState(0).randn(view.height, view.width, 3).astype(np.float32)
+    light = np.exp(20 * cv2.GaussianBlur(noise, (0, 0), 5))
+    regions = find_regions(light, view)
+    mirrored = find_regions(np.ascontiguousarray(light[:, ::-1]), view)
+
+    def table(one: Regions, left: np.ndarray) -> List[List[float]]:
+        rows = np.column_stack([one.level, left, one.box[:, 1:], one.area])
+        return sorted(rows[one.channel == channel].tolist())
+
+    here = table(regions, view.width - regions.box[:, 0] - regions.box[:, 2])
+    assert len(here) > 30
+    assert here == table(mirrored, mirrored.box[:, 0])
+    assert here != table(regions, regions.box[:, 0])
 
 
 def test_regions_shrink_from_level_to_level(view: View) -> None:
@@ -210,18 +256,60 @@ def test_regions_shrink_from_level_to_level(view: View) -> None:
     ],
 )
 def test_forms_that_nothing_has_are_left_out(view: View, box: Tuple[int, int, int, int]) -> None:
-    regions = find_regions(patch(asphalt(view), box, (0.3, 4.0, 5.0)), view)
+    regions = find_regions(patch(asphalt(view), box, DUCKIE), view)
     check(regions, view)
     assert box not in boxes(regions, YELLOW)
 
 
-def test_what_hangs_above_the_road_is_left_out() -> None:
-    view = make_view(calibration_of(Camera(pitch=30.0)))
-    high = (100, view.top + 2, 16, int(LOWEST_FOOT * view.height) - view.top - 4)
-    assert high[3] > 12, 'the rows above the road are looked at'
-    assert len(find_regions(patch(asphalt(view), high, (0.3, 4.0, 5.0)), view)) == 0
-    low = (100, int(LOWEST_FOOT * view.height) - 6, 16, 16)
-    assert low in boxes(find_regions(patch(asphalt(view), low, (0.3, 4.0, 5.0)), view), YELLOW)
+STEEP = {
+    'pitched by 25 degrees': calibration_of(Camera(pitch=25.0)),
+    'pitched by 30 degrees': calibration_of(Camera(pitch=30.0)),
+    'pitched by 35 degrees, high': calibration_of(Camera(pitch=35.0, height=0.14)),
+    'pitched by 40 degrees': calibration_of(Camera(pitch=40.0)),
+}
+
+
+@pytest.mark.parametrize('calibration', [CAMERA, *STEEP.values()], ids=['as it is', *STEEP])
+def test_what_hangs_above_the_road_is_left_out(calibration: Calibration) -> None:
+    view = make_view(calibration)
+    column = view.nearness[:, view.width // 2]
+    assert column[view.foot - 1] <= 1 / FARTHEST_FOOT < column[view.foot]
+    above, on = ((100, view.foot - 12 + lower, 12, 12) for lower in (0, 1))
+    assert above[1] >= view.top, 'the rows above the road are looked at'
+    left = find_regions(patch(asphalt(view), above, DUCKIE), view)
+    assert set(left.channel) <= {WIDE}, 'opening by an even number of pixels shifts by one'
+    assert on in boxes(find_regions(patch(asphalt(view), on, DUCKIE), view), YELLOW)
+
+
+@pytest.mark.parametrize('calibration', list(STEEP.values()), ids=list(STEEP))
+def test_a_steep_camera_sees_a_duckie_at_a_metre(calibration: Calibration) -> None:
+    """Whose feet are higher in the picture than any thing's of a camera that looks ahead."""
+    view = make_view(calibration)
+    foot = row_of(view, 1.0)
+    assert foot + 1 < 75 / 240 * view.height
+    for width in (8, 12):  # 5 cm at a metre, about
+        box = (150, foot - 9, width, 10)
+        regions = find_regions(patch(asphalt(view), box, DUCKIE), view)
+        check(regions, view)
+        assert box in boxes(regions, YELLOW)
+
+
+def test_a_drawn_duckie_at_a_metre_is_a_region_of_a_steep_camera() -> None:
+    calibration = STEEP['pitched by 25 degrees']
+    regions, view = seen(picture_of(calibration, (duckie(1.0, 0.0),)), calibration)
+    check(regions, view)
+    foot = row_of(view, 1.0 - 0.02)
+    left, top, width, height = regions.box[regions.channel == YELLOW].T
+    middle, low = left + width / 2, top + height - 1
+    assert ((np.abs(middle - view.width / 2) < 6) & (np.abs(low - foot) <= 2) & (height >= 5)).any()
+
+
+def test_a_camera_that_looks_at_its_feet_leaves_nothing_out() -> None:
+    """All its rows are nearer than anything is too far away."""
+    view = make_view(calibration_of(Camera(pitch=55.0)))
+    assert (view.top, view.foot) == (0, 0)
+    box = (100, 0, 12, 12)
+    assert box in boxes(find_regions(patch(asphalt(view), box, DUCKIE), view), YELLOW)
 
 
 # Paint
@@ -266,7 +354,7 @@ def ground_stripe(view: View, width: float, bend: float = 0.0) -> np.ndarray:
     ahead = 1 / np.maximum(view.nearness, 1e-3)
     aside = view.bearing * ahead - bend * ahead
     on = (np.abs(aside - 0.1) < width / 2) & (view.nearness > 0.4)
-    light[on] = (0.3, 4.0, 5.0)
+    light[on] = DUCKIE
     return light
 
 
@@ -302,3 +390,88 @@ def test_levels_are_monotonic(view: View) -> None:
     expected = (YELLOW_LEVELS[None] < (ramp[view.top + 50, :, 1] - 1)[:, None]).sum(axis=1)
     assert np.abs(row - expected).max() <= 1
     assert (row == expected).mean() > 0.97
+
+
+# A cone's white band
+
+
+def pixels_a_metre(view: View, row: int) -> float:
+    """[px/m] on the road across the middle of a row."""
+    middle = view.width // 2
+    across = abs(view.bearing[row, middle + 5] - view.bearing[row, middle - 5]) / 10
+    return float(view.nearness[row, middle] / across)
+
+
+def row_of(view: View, ahead: float, height: float = 0.0) -> int:
+    """Row of a point so many metres ahead of the robot and above the road: it hides the road behind it."""
+    behind = (ahead - view.camera.ahead) * view.camera.height / (view.camera.height - height) + view.camera.ahead
+    return int(np.abs(view.nearness[:, view.width // 2] - 1 / behind).argmin())
+
+
+def parts(view: View, row: int, gap: int, size: int) -> np.ndarray:
+    """Levels of red: two parts, one above the other, with so many rows between them."""
+    height = np.zeros((view.height - view.top, view.width), np.uint8)
+    above = row - view.top - gap // 2
+    height[above - size : above, 150:170] = 7
+    height[above + gap : above + gap + size, 150:170] = 5
+    return height
+
+
+@pytest.mark.parametrize('ahead', [0.2, 0.3, 0.45, 0.7])
+def test_parts_are_joined_across_less_than_a_band_and_not_across_more(view: View, ahead: float) -> None:
+    row = row_of(view, ahead)
+    for metres, joins in ((0.02, True), (0.04, False)):
+        gap = round(metres * pixels_a_metre(view, row))
+        after = joined(parts(view, row, gap, size=20), view.closing)
+        assert set(after[row - view.top, 150:170]) == ({5} if joins else {0}), 'the lesser of the two'
+        assert cv2.connectedComponents((after > 0).view(np.uint8))[0] - 1 == (1 if joins else 2)
+    assert 0.02 < BAND < 0.04
+
+
+@pytest.mark.parametrize('row', [85, 110, 145])
+def test_parts_side_by_side_are_not_joined(view: View, row: int) -> None:
+    for gap in (1, 3):
+        height = parts(view, row, 0, size=12)
+        height[:, 160 : 160 + gap] = 0
+        after = joined(height, view.closing)
+        assert not after[:, 160 : 160 + gap].any()
+        np.testing.assert_array_equal(after.any(axis=0), height.any(axis=0))
+
+
+def test_joining_a_flat_picture_changes_nothing(view: View) -> None:
+    for value in (0, 7):
+        height = np.full((view.height - view.top, view.width), value, np.uint8)
+        assert (joined(height, view.closing) == value).all()
+
+
+@pytest.mark.parametrize('ahead', [0.25, 0.4, 0.6, 0.8])
+def test_a_cone_with_a_white_band_is_one_region(view: View, ahead: float) -> None:
+    """6 cm high; its band reaches from 0.45 to 0.65 of that."""
+    rows = [row_of(view, ahead, share * 0.06) for share in (0.0, 0.45, 0.65, 1.0)]
+    foot, low, high, top = rows
+    width = round(0.03 * pixels_a_metre(view, foot))
+    whole = (140, top, width, foot - top)
+    light = patch(patch(asphalt(view), whole, ORANGE), (140, high, width, low - high), WHITE)
+    regions = find_regions(light, view)
+    check(regions, view)
+    assert near(boxes(regions, JOINED), whole)
+    assert not near(boxes(regions, RED), whole)
+    assert near(boxes(regions, RED), (140, low, width, foot - low))
+
+
+def test_cones_side_by_side_are_two_regions(view: View) -> None:
+    light = patch(patch(asphalt(view), (120, 110, 16, 24), ORANGE), (138, 110, 16, 24), ORANGE)
+    regions = find_regions(light, view)
+    found = boxes(regions, JOINED)
+    assert len(found) == 2
+    assert near(found, (120, 110, 16, 24))
+    assert near(found, (138, 110, 16, 24))
+
+
+def test_what_is_whole_is_the_same_joined(view: View) -> None:
+    """But for a row: closing by an even number of pixels shifts by one."""
+    regions = find_regions(patch(asphalt(view), (*PLACE, 24, 30), ORANGE), view)
+    red, closed = (np.flatnonzero(regions.channel == channel) for channel in (RED, JOINED))
+    assert len(red) > 3
+    np.testing.assert_array_equal(regions.level[red], regions.level[closed])
+    assert np.abs(regions.box[red] - regions.box[closed]).max() <= 1

@@ -8,7 +8,9 @@ import pytest
 
 from obst_avoid.core.calibration import Calibration, scaled
 from obst_avoid.core.detection.robust.view import (
+    BAND,
     FARTHEST,
+    FARTHEST_FOOT,
     GROWTH,
     ROOM,
     TAPE,
@@ -28,7 +30,9 @@ CAMERAS = {
     'turned': Camera(yaw=4.0, left=0.01),
     'tele': Camera(focal=420.0, projection=(420.0, 420.0), distortion=(0.0,) * 5),
 }
-SIZES = [(320, 240), (640, 480), (800, 600), (1280, 960), (1296, 972)]
+WIDE_LENS = Camera(focal=311.0, projection=(311.0, 310.0), distortion=(-0.342, 0.1525, 0.0, 0.0, -0.0372))
+"""As a lens of the fleet's was fitted: beyond 54 degrees its model folds back into the picture."""
+SIZES = [(176, 132), (320, 240), (432, 324), (640, 480), (800, 600), (1280, 960), (1296, 972)]
 
 
 @pytest.fixture(scope='module', params=sorted(CAMERAS))
@@ -77,22 +81,28 @@ def test_what_stands_on_the_farthest_road_is_in_the_rows(view: View) -> None:
     assert 0 < view.top < farthest
 
 
+def test_a_foot_is_looked_at_from_the_first_row_that_is_near_enough(view: View) -> None:
+    column = view.nearness[:, view.width // 2]
+    assert view.foot == np.flatnonzero(column > 1 / FARTHEST_FOOT)[0]
+    assert view.top < view.foot < view.height / 2
+
+
 @pytest.mark.parametrize('size', SIZES, ids='%dx%d'.__mod__)
 def test_the_working_picture_is_the_same_whatever_the_cameras_size(size: tuple) -> None:
     calibration = calibration_of(CAMERAS['level'])
     same, view = make_view(calibration), make_view(scaled(calibration, *size))
-    assert (view.width, view.height, view.top) == (WIDTH, 240, same.top)
+    assert (view.width, view.height, view.top, view.foot) == (WIDTH, 240, same.top, same.foot)
     assert view.scale == size[0] / WIDTH
     np.testing.assert_allclose(view.nearness[view.top :], same.nearness[view.top :], atol=2e-3)
     np.testing.assert_allclose(view.bearing[view.top + 20 :], same.bearing[view.top + 20 :], atol=3e-3)
-    assert view.openings == same.openings
+    assert (view.openings, view.closing) == (same.openings, same.closing)
     picture = np.zeros((size[1], size[0], 3), np.uint8)
     assert working_picture(picture, view).shape == (240, WIDTH, 3)
 
 
 def test_the_bands_cover_all_rows_once_and_grow_downwards(view: View) -> None:
     assert len(view.openings) == len(TAPE)
-    for bands in view.openings:
+    for bands in (*view.openings, view.closing):
         assert bands[0][0] == 0
         assert bands[-1][1] == view.height - view.top
         assert [first for first, _, _ in bands[1:]] == [past for _, past, _ in bands[:-1]]
@@ -103,16 +113,16 @@ def test_the_bands_cover_all_rows_once_and_grow_downwards(view: View) -> None:
     assert max(pixels for _, _, pixels in wide) > max(pixels for _, _, pixels in narrow)
 
 
-def test_a_band_is_as_wide_as_tape_at_its_distance(view: View) -> None:
-    for tape, bands in zip(TAPE, view.openings):
+def test_bands_are_as_wide_as_tape_and_as_a_cones_band_at_their_distance(view: View) -> None:
+    for size, bands in zip((*TAPE, BAND), (*view.openings, view.closing)):
         for first, past, pixels in bands:
             row = view.top + (first + past) // 2
             if view.nearness[row, view.width // 2] < 0.6:
-                continue  # tape is a pixel wide
+                continue  # it is a pixel wide
             middle = view.width // 2
             ahead = 1 / view.nearness[row, middle]
             metres = abs(view.bearing[row, middle + 5] - view.bearing[row, middle - 5]) / 10 * ahead
-            assert pixels == pytest.approx(tape / metres, rel=GROWTH - 1, abs=1.0)
+            assert pixels == pytest.approx(size / metres, rel=GROWTH - 1, abs=1.0)
 
 
 def test_the_camera_is_where_the_calibration_says() -> None:
@@ -157,9 +167,56 @@ def test_in_view_is_where_the_picture_ends(calibration: Calibration) -> None:
             assert in_view(calibration, float(x), float(y)) is bool(inside), (x, y)
 
 
+def lens_angle(camera: Camera, x: float, y: float) -> float:
+    """Tangent of the angle between the lens's axis and a point of the road; inf behind the camera."""
+    right, down, ahead = camera.rotation @ (np.array([x, y, 0.0]) - camera.position)
+    return math.hypot(right, down) / ahead if ahead > 0 else math.inf
+
+
+def fold_of(camera: Camera) -> float:
+    """The tangent up to which the lens model moves points outwards."""
+    k1, k2, _, _, k3 = camera.distortion
+    tangent = np.linspace(0, 3, 3001)
+    moved = tangent * (1 + k1 * tangent**2 + k2 * tangent**4 + k3 * tangent**6)
+    return float(tangent[np.argmax(np.diff(moved) < 0)])
+
+
+WIDE_ROAD = [(float(x), float(y)) for x in np.linspace(0.1, 2.0, 20) for y in np.linspace(-3.0, 3.0, 41)]
+"""[m] Far beyond both sides of the picture."""
+
+
+def test_what_the_lens_model_folds_back_is_not_in_view() -> None:
+    """A thing far aside need not be seen, though the model puts it in the middle of the picture."""
+    calibration, fold = calibration_of(WIDE_LENS), fold_of(WIDE_LENS)
+    assert 1.2 < fold < 1.5
+    folded = shown = 0
+    for x, y in WIDE_ROAD:
+        angle = lens_angle(WIDE_LENS, x, y)
+        if math.isinf(angle):
+            continue
+        u, v = WIDE_LENS.image_from_robot([(x, y, 0.0)])[0]
+        inside = 0 <= u < calibration.width and 0 <= v < calibration.height
+        if angle > 1.1 * fold:
+            folded += inside
+            assert not in_view(calibration, x, y), (x, y)
+        elif angle < 0.97 * fold:
+            shown += inside
+            assert in_view(calibration, x, y) is bool(inside), (x, y)
+    assert folded > 100
+    assert shown > 100
+
+
+@pytest.mark.parametrize('camera', [CAMERAS['level'], WIDE_LENS], ids=['level', 'wide'])
+def test_left_and_right_are_in_view_alike(camera: Camera) -> None:
+    calibration = calibration_of(camera)
+    assert sum(in_view(calibration, x, y) for x, y in WIDE_ROAD) > 100
+    for x, y in WIDE_ROAD:
+        assert in_view(calibration, x, y) is in_view(calibration, x, -y), (x, y)
+
+
 def test_a_camera_that_sees_no_far_road_still_has_a_view() -> None:
     """Steep down: all rows are looked at."""
     calibration = calibration_of(replace(Camera(), pitch=55.0, height=0.2))
     view = make_view(calibration)
-    assert 0 <= view.top < view.height
+    assert (view.top, view.foot) == (0, 0)
     assert math.isfinite(float(view.nearness.max()))

@@ -1,15 +1,19 @@
-"""core.detection.robust.trees: forests summed, and what moved a sum."""
+"""core.detection.robust.trees: forests summed, what moved a sum, and files that hold none."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 import pytest
 
+from obst_avoid.core.calibration import Calibration
+from obst_avoid.core.detection import start
 from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.detection.robust.features import NAMES
 from obst_avoid.core.detection.robust.trees import STAGES, Forest, reasons, shipped, summed
+from obst_avoid.core.detection.settings import DetectionSettings
+from obst_avoid.core.settings import SettingsError
 
 NEVER = (-np.inf,) * len(STAGES)
 """No row is hopeless."""
@@ -258,10 +262,57 @@ def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         pytest.param([], id='none'),
     ],
 )
-def test_forests_of_other_measurements_are_refused(copied: Any, names: List[str]) -> None:
+def test_forests_of_other_measurements_are_refused(
+    copied: Any, calibration: Calibration, detection_settings: DetectionSettings, names: List[str]
+) -> None:
     path = copied(names=np.array(names, dtype=str))
-    with pytest.raises(ValueError, match='was trained on other measurements, expected those of features.py') as refused:
-        shipped()
+    for call in (shipped, lambda: start(calibration, replace(detection_settings, profile='robust'))):
+        with pytest.raises(SettingsError) as refused:
+            call()
+        assert str(refused.value) == '%s was trained on other measurements, expected those of features.py' % path
+
+
+def a_part(whole: bytes) -> bytes:
+    """As after a copy that broke off."""
+    return whole[: len(whole) // 2]
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        pytest.param(lambda whole: None, id='missing'),
+        pytest.param(a_part, id='the first half'),
+        pytest.param(lambda whole: whole[:-1], id='all but a byte'),
+        pytest.param(lambda whole: whole[:3], id='three bytes'),
+        pytest.param(lambda whole: b'', id='empty'),
+        pytest.param(lambda whole: b'<html>404</html>', id='text'),
+    ],
+)
+def test_a_detector_does_not_start_without_its_forests(
+    copied: Any, calibration: Calibration, detection_settings: DetectionSettings, change: Callable[[bytes], Any]
+) -> None:
+    """Else it would be told at the first thing on the road."""
+    path = Path(copied())
+    content = change(path.read_bytes())
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    for _ in range(2):
+        with pytest.raises(SettingsError) as refused:
+            start(calibration, replace(detection_settings, profile='robust'))
+        said = str(refused.value)
+        assert said.startswith('%s is no file of train_detector: ' % path)
+        assert '\n' not in said
+    assert start(calibration, replace(detection_settings, profile='paper')), 'that profile needs none'
+
+
+@pytest.mark.parametrize('missing', ['names', 'thing_feature', 'radius_value', 'foot_base', 'cone_hopeless'])
+def test_forests_that_are_not_whole_are_refused(
+    copied: Any, calibration: Calibration, detection_settings: DetectionSettings, missing: str
+) -> None:
+    path = copied(**{missing: None})
+    with pytest.raises(SettingsError, match='is no file of train_detector: .*%s' % missing) as refused:
+        start(calibration, replace(detection_settings, profile='robust'))
     assert str(refused.value).startswith(path)
 
 

@@ -45,10 +45,10 @@ def _main(options: argparse.Namespace) -> int:
     with ProcessPoolExecutor(options.jobs, get_context('spawn'), _start) as workers:
         results = workers.map(_samples, work, chunksize=8)
         samples = [item for item in tool.progress(results, 'measuring', len(work)) if item is not None]
-    true = sum(int((item.overlap >= 0.5).sum()) for item in samples)
+    true = sum(int(fit.things(item).sum()) for item in samples)
     if not true:
         raise tool.ToolError('%s: no region of any picture is a labelled thing' % options.datasets)
-    if not any(np.isfinite(item.radius[item.overlap >= 0.5]).any() for item in samples):
+    if not any(np.isfinite(item.radius[fit.things(item)]).any() for item in samples):
         raise tool.ToolError('%s: no label has x, y and radius, expected a rendered data set' % options.datasets)
     fit.write(fit.grown(samples, os.cpu_count() or 1), options.output)
     print(

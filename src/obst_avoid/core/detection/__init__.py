@@ -11,6 +11,7 @@ from obst_avoid.core.bird_view import BirdView, make_bird_view
 from obst_avoid.core.calibration import Calibration, scaled
 from obst_avoid.core.detection.paper import detector as paper
 from obst_avoid.core.detection.robust import detector as robust
+from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.detection.robust.view import View, make_view
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.types import Array, Command, Scene, Stamped, Trace, no_trace
@@ -33,7 +34,9 @@ class Detector:
 
 
 def start(calibration: Calibration, settings: DetectionSettings) -> Detector:
-    """A detector that has seen nothing yet. Raises CalibrationError."""
+    """A detector that has seen nothing yet. Raises CalibrationError; SettingsError when the trees are not usable."""
+    if settings.profile == 'robust':
+        trees.shipped()  # what is wrong with them is said now, not at the first thing on the road
     view = make_bird_view(calibration, settings.bird_view)
     return Detector(calibration, settings, view, _camera(calibration, settings), _nothing_seen(settings))
 

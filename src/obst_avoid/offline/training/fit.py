@@ -18,52 +18,67 @@ SHARE, HARD = 0.1, -3.0
 """Share of what is no thing that a first forest sees; what it does not put below HARD, the second one sees."""
 TREES, FIRST_TREES, FEW_TREES = 600, 60, 60
 """Of the judgement, of the search for hard regions, and of the other forests."""
-GROWING: Dict[str, Any] = {
+FEW: Dict[str, Any] = {
     'tree_method': 'hist',
     'grow_policy': 'lossguide',
     'max_depth': 8,
-    'max_leaves': 24,
+    'max_leaves': 8,
     'max_bin': 64,
-    'eta': 0.06,
+    'eta': 0.1,
     'lambda': 5.0,
     'min_child_weight': 8.0,
     'subsample': 0.7,
     'colsample_bytree': 0.3,
     'seed': 1,
 }
+GROWING = {'max_leaves': 24, 'eta': 0.06}
+"""What differs for the judgement."""
 SAFE = 0.005
 """Share of the regions of true things that each stage may drop: a thing has several."""
 
 
 def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
     """The forests thing, cone, foot and radius."""
-    values = np.concatenate([item.values for item in samples])
-    overlap = np.concatenate([item.overlap for item in samples])
-    ignored = np.concatenate([item.ignored for item in samples])
-    touches = np.concatenate([item.touches for item in samples])
-    true = (overlap >= SAME) & ~ignored
-    wrong = (~touches | (overlap < OTHER)) & ~ignored & ~true
     random = np.random.RandomState(0)
-    sampled = random.rand(len(values)) < SHARE
-    quick = _boosted('binary:logistic', values, true, true | (wrong & sampled), None, FIRST_TREES, threads, eta=0.1)
-    hard = _predicted(quick, values) > HARD
-    used = true | (wrong & (hard | sampled))
-    weight = np.where(wrong & ~hard, 1 / SHARE, 1.0)
-    thing = forest_of(_boosted('binary:logistic', values, true, used, weight, TREES, threads))
-    cone = np.concatenate([item.cone for item in samples])
-    foot = np.concatenate([item.foot for item in samples])
-    radius = np.concatenate([item.radius for item in samples])
-    few = {'max_leaves': 8, 'eta': 0.1}
+    true = [things(item) for item in samples]
+    wrong = [~same & ~item.ignored & (~item.touches | (item.overlap < OTHER)) for item, same in zip(samples, true)]
+    sampled = [other & (random.rand(len(other)) < SHARE) for other in wrong]
+    first = [same | some for same, some in zip(true, sampled)]
+    quick = _boosted('binary:logistic', _of(samples, 'values', first), _rows(true, first), None, FIRST_TREES, threads)
+    hard = [other & (_predicted(quick, item.values) > HARD) for item, other in zip(samples, wrong)]
+    used = [same | some | other for same, some, other in zip(true, sampled, hard)]
+    values, thing = _of(samples, 'values', used), _rows(true, used)
+    weight = np.where(thing | _rows(hard, used), 1.0, 1 / SHARE)
+    judgement = forest_of(_boosted('binary:logistic', values, thing, weight, TREES, threads, **GROWING))
+    values = values[thing]
+    cone, foot, radius = (_of(samples, name, true) for name in ('cone', 'foot', 'radius'))
+    known = {'foot': np.abs(foot) < 0.5, 'radius': np.abs(radius) < 2}
+
+    def regressed(name: str, target: Array) -> Forest:
+        some = known[name]
+        return forest_of(_boosted('reg:squarederror', values[some], target[some], None, FEW_TREES, threads))
+
     return {
-        'thing': replace(thing, hopeless=hopeless(thing, values[true])),
-        'cone': forest_of(_boosted('binary:logistic', values, cone, true, None, FEW_TREES, threads, **few)),
-        'foot': forest_of(
-            _boosted('reg:squarederror', values, foot, true & (np.abs(foot) < 0.5), None, FEW_TREES, threads, **few)
-        ),
-        'radius': forest_of(
-            _boosted('reg:squarederror', values, radius, true & (np.abs(radius) < 2), None, FEW_TREES, threads, **few)
-        ),
+        'thing': replace(judgement, hopeless=hopeless(judgement, values)),
+        'cone': forest_of(_boosted('binary:logistic', values, cone, None, FEW_TREES, threads)),
+        'foot': regressed('foot', foot),
+        'radius': regressed('radius', radius),
     }
+
+
+def things(item: Samples) -> Array:
+    """(N,) bool: which regions of a picture teach what a thing looks like."""
+    chosen: Array = (item.overlap >= SAME) & ~item.ignored
+    return chosen
+
+
+def _of(samples: Sequence[Samples], name: str, chosen: Sequence[Array]) -> Array:
+    """The chosen rows of all samples' arrays of that name."""
+    return np.concatenate([getattr(item, name)[rows] for item, rows in zip(samples, chosen)])
+
+
+def _rows(flags: Sequence[Array], chosen: Sequence[Array]) -> Array:
+    return np.concatenate([item[rows] for item, rows in zip(flags, chosen)])
 
 
 def hopeless(forest: Forest, values: Array) -> Tuple[float, ...]:
@@ -120,22 +135,17 @@ def _boosted(
     objective: str,
     values: Array,
     target: Array,
-    used: Array,
     weight: Optional[Array],
     trees: int,
     threads: int,
     **changes: Any,
 ) -> 'xgboost.Booster':
-    data = xgboost.DMatrix(
-        values[used], target[used].astype(np.float32), weight=None if weight is None else weight[used]
-    )
-    settings = {**GROWING, 'objective': objective, 'nthread': threads, **changes}
-    return xgboost.train(settings, data, trees)
+    data = xgboost.DMatrix(values, target.astype(np.float32), weight=weight)
+    return xgboost.train({**FEW, 'objective': objective, 'nthread': threads, **changes}, data, trees)
 
 
 def _predicted(booster: 'xgboost.Booster', values: Array) -> Array:
-    parts = np.array_split(values, max(1, len(values) // 100000))
-    return np.concatenate([booster.predict(xgboost.DMatrix(part), output_margin=True) for part in parts])
+    return booster.predict(xgboost.DMatrix(values), output_margin=True)
 
 
 def _depth(left: Array, right: Array) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 from obst_avoid.core.calibration import Calibration, find_calibration, scaled
 from obst_avoid.core.detection.robust.features import NAMES, measure
 from obst_avoid.core.detection.robust.light import LINEAR, estimate_light, relative
+from obst_avoid.core.detection.robust.lines import find_lines
 from obst_avoid.core.detection.robust.regions import find_regions
 from obst_avoid.core.detection.robust.view import View, make_view, working_picture
 from obst_avoid.core.geometry import image_from_rectified, pixel_from_ground
@@ -23,12 +24,16 @@ from obst_avoid.offline.tool import ToolError
 
 LEAST_HEIGHT = 12.0
 """[px] of a label in 640x480: smaller ones teach neither way."""
+LEAST_PART = 0.5
+"""Of a thing that a copy of a picture has to show still, or it teaches neither way."""
 FAR_ROW = 180 / 480
 """Of the picture's height: beyond it, incompletely labelled pictures say nothing about what is no thing."""
-GAINS, EXPOSURE, SHADING, NOISE = 1.2, (-2.0, 0.8), 0.5, 5.0
+GAINS, EXPOSURE, SHADING, NOISE = 1.2, (-2.0, 1.2), 0.5, 5.0
 """Copies of a picture in another light: stops of each channel and of all, share at the corners, grey levels."""
-ZOOM, SHIFT = 0.22, 20.0
-"""And through another camera: logarithm of the zoom, [px] of 640x480."""
+LAMPS, LAMP_GAIN = (3, 4), 1.0
+"""Places by which lamps of different colours light a picture, rows and columns, and stops of each."""
+ZOOM, SHIFT, ROLL = 0.22, 20.0, 3.0
+"""And through another camera: logarithm of the zoom, [px] of 640x480, [deg]."""
 TABLE = 4096
 ENCODED = ((np.arange(TABLE + 1) / TABLE) ** (1 / 2.2) * 256 - 1).clip(0, 255)
 """The inverse of LINEAR."""
@@ -47,11 +52,10 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Thing:
-    """One labelled obstacle. box: [px]. foot: [px] row where it meets the road. x, y, radius: [m] where known."""
+    """One labelled obstacle. box: [px]. place: row where it meets the road [px], x and radius [m], where known."""
 
     kind: str
     box: Rectangle
-    foot: float
     place: Optional[Tuple[float, float, float]]
 
 
@@ -59,9 +63,9 @@ class Thing:
 class Samples:
     """N regions of one picture.
 
-    values: (N, F) float32. overlap: (N,) intersection over union with the thing nearest in it. thing: its number, -1
-    none. touches: (N,) bool, lies on a labelled thing somehow. ignored: (N,) bool. cone: (N,) bool. foot, radius: (N,)
-    targets of the forests of these names, NaN where not known. box: (N, 4) [px].
+    values: (N, F) float32. overlap: (N,) intersection over union with the thing most alike. touches: (N,) bool, lies on
+    a labelled thing somehow. ignored: (N,) bool. cone: (N,) bool. foot, radius: (N,) targets of the forests of these
+    names, NaN where not known. box: (N, 4) [px].
     """
 
     group: str
@@ -127,11 +131,12 @@ def samples_of(
         pixels, things, ignored = _through_another_camera(pixels, things, ignored, random)
         pixels = _in_another_light(pixels, random)
     view = _view(dataset, calibration)
-    light = relative(working_picture(pixels, view), estimate_light(pixels))
+    asphalt = estimate_light(pixels)
+    light = relative(working_picture(pixels, view), asphalt)
     regions = find_regions(light, view)
     if not len(regions):
         return None
-    values = measure(regions, light, view)
+    values = measure(regions, light, view, find_lines(pixels, view.sampling, asphalt.as_array()))
     box = regions.box * view.scale
     overlap, which, touches = _compared(box, np.array([item.box for item in things]).reshape(-1, 4))
     _, _, on_ignored = _compared(box, np.array(ignored).reshape(-1, 4))
@@ -153,11 +158,11 @@ def samples_of(
     )
 
 
-_CAMERAS: Dict[Tuple[str, str, int], Tuple[Calibration, View]] = {}
+_CAMERAS: Dict[Tuple[str, str, int, int], Tuple[Calibration, View]] = {}
 
 
 def _calibration(dataset: Dataset, width: int, height: int) -> Calibration:
-    key = (dataset.calibration, dataset.vehicle, width)
+    key = (dataset.calibration, dataset.vehicle, width, height)
     if key not in _CAMERAS:
         calibration = scaled(find_calibration(dataset.vehicle, dataset.calibration), width, height)
         _CAMERAS[key] = (calibration, make_view(calibration))
@@ -165,7 +170,7 @@ def _calibration(dataset: Dataset, width: int, height: int) -> Calibration:
 
 
 def _view(dataset: Dataset, calibration: Calibration) -> View:
-    return _CAMERAS[(dataset.calibration, dataset.vehicle, calibration.width)][1]
+    return _CAMERAS[(dataset.calibration, dataset.vehicle, calibration.width, calibration.height)][1]
 
 
 def _complete(picture: Dict[str, Any]) -> bool:
@@ -190,15 +195,12 @@ def _things(annotations: Sequence[Dict[str, Any]], calibration: Calibration) -> 
         if why in ('iscrowd', 'riding') or label.box[3] < LEAST_HEIGHT * calibration.height / 480:
             ignored.append(label.box)
             continue
-        left, top, width, height = label.box
-        foot, place = top + height, None
+        place = None
         if 'radius' in item:
-            place = (float(item['x']), float(item['y']), float(item['radius']))
-            pixel = pixel_from_ground(calibration.homography, np.array([place[:2]]))
-            foot = float(image_from_rectified(calibration, pixel)[0, 1]) + 0.5
-        elif top + height >= calibration.height - 2:
-            foot = math.nan
-        things.append(Thing(label.category, label.box, foot, place))
+            x, y = float(item['x']), float(item['y'])
+            pixel = pixel_from_ground(calibration.homography, np.array([[x, y]]))
+            place = (float(image_from_rectified(calibration, pixel)[0, 1]) + 0.5, x, float(item['radius']))
+        things.append(Thing(label.category, label.box, place))
     return things, ignored
 
 
@@ -226,9 +228,11 @@ def _targets(box: Array, which: Array, things: Sequence[Thing], values: Array) -
     for index in np.flatnonzero(which >= 0):
         thing = things[which[index]]
         if thing.place is not None:  # boxes drawn by hand end somewhere near the foot
-            foot[index] = (thing.foot - box[index, 1] - box[index, 3]) / box[index, 3]
-            x, y, size = thing.place
-            seen = 2.0 ** values[index, NAMES.index('width')] / values[index, NAMES.index('ahead')] * x / 2
+            row, x, size = thing.place
+            foot[index] = (row - box[index, 1] - box[index, 3]) / box[index, 3]
+            seen = 2.0 ** values[index, NAMES.index('width')] / 2
+            if not values[index, NAMES.index('cut_low')]:
+                seen *= x / values[index, NAMES.index('ahead')]
             radius[index] = math.log2(size / max(seen, 1e-3))
     return foot, radius
 
@@ -236,37 +240,46 @@ def _targets(box: Array, which: Array, things: Sequence[Thing], values: Array) -
 def _through_another_camera(
     picture: Array, things: Sequence[Thing], ignored: Sequence[Rectangle], random: 'np.random.RandomState'
 ) -> Tuple[Array, List[Thing], List[Rectangle]]:
-    """Zoomed, shifted and perhaps mirrored: calibrations are wrong, and cameras differ. Truth in metres is lost."""
+    """Zoomed, shifted, rolled and perhaps mirrored: calibrations are wrong, cameras differ. Truth in metres is lost."""
     height, width = picture.shape[:2]
     zoom = math.exp(random.uniform(-ZOOM, ZOOM))
     shift = random.uniform(-SHIFT, SHIFT, 2) * height / 480
     middle = np.array([width / 2, 0.31 * height])
-    matrix = np.column_stack([zoom * np.eye(2), middle * (1 - zoom) + shift])
+    roll = math.radians(random.uniform(-ROLL, ROLL))
+    turned = zoom * np.array([[math.cos(roll), -math.sin(roll)], [math.sin(roll), math.cos(roll)]])
+    matrix = np.column_stack([turned, middle - turned @ middle + shift])
     picture = cv2.warpAffine(picture, matrix, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     mirrored = random.rand() < 0.5
     if mirrored:
         picture = np.ascontiguousarray(picture[:, ::-1])
 
     def moved(box: Rectangle) -> Rectangle:
-        corners = np.array([box[:2], (box[0] + box[2], box[1] + box[3])]) * zoom + matrix[:, 2]
-        (left, top), (right, bottom) = np.clip(corners, 0, (width, height))
+        half = zoom / 2 * np.array(box[2:])  # things stay upright: the roll of a camera is small
+        centre = turned @ (box[0] + box[2] / 2, box[1] + box[3] / 2) + matrix[:, 2]
+        (left, top), (right, bottom) = np.clip([centre - half, centre + half], 0, (width, height))
         if mirrored:
             left, right = width - right, width - left
         return (float(left), float(top), float(right - left), float(bottom - top))
 
-    kept = []
+    kept, lost = [], [moved(box) for box in ignored]
     for thing in things:
         box = moved(thing.box)
-        if min(box[2:]) > 4:
-            kept.append(Thing(thing.kind, box, thing.foot * zoom + matrix[1, 2], None))
-    return picture, kept, [box for box in map(moved, ignored) if min(box[2:]) > 0]
+        whole = zoom**2 * thing.box[2] * thing.box[3]
+        if box[3] < LEAST_HEIGHT * height / 480 or box[2] * box[3] < LEAST_PART * whole:
+            lost.append(box)
+        else:
+            kept.append(Thing(thing.kind, box, None))
+    return picture, kept, [box for box in lost if min(box[2:]) > 0]
 
 
 def _in_another_light(picture: Array, random: 'np.random.RandomState') -> Array:
-    """Another colour and brightness of light, shading, stray light, noise, blur and JPEG quality."""
+    """Another colour and brightness of light, several lamps, shading, stray light, noise, blur and JPEG quality."""
     gains = np.exp2(random.uniform(-GAINS, GAINS, 3) * (random.rand() < 0.7))
     gains = gains / gains.max() ** random.uniform(0, 1) * np.exp2(random.uniform(*EXPOSURE))
     light = LINEAR[picture] * gains.astype(np.float32)
+    if random.rand() < 0.4:
+        lamps = random.uniform(-LAMP_GAIN, LAMP_GAIN, LAMPS + (3,)).astype(np.float32)
+        light = light * np.exp2(cv2.resize(lamps, picture.shape[1::-1], interpolation=cv2.INTER_CUBIC))
     if random.rand() < 0.3:
         v, u = np.mgrid[-1 : 1 : picture.shape[0] * 1j, -1 : 1 : picture.shape[1] * 1j]
         light = light * (1 + ((u**2 + v**2) / 2)[..., None] * random.uniform(-SHADING, SHADING, 3)).astype(np.float32)

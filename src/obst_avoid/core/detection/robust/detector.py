@@ -49,11 +49,11 @@ def detect(
     trace('light', (light, seen))
     regions = find_regions(seen, view)
     trace('regions', regions)
-    values = measure(regions, seen, view)
+    lines = find_lines(picture, view.sampling, light.as_array())
+    values = measure(regions, seen, view, lines)
     trace('values', values)
     candidates = judge(regions, values, view, bird.calibration, settings)
     trace('candidates', candidates)
-    lines = find_lines(picture, view.sampling, light.as_array())
     lane = lane_of(lines)
     trace('lane', (lines, lane))
     obstacles = [_obstacle(item, lane, bird) for item in candidates]

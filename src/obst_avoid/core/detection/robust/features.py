@@ -1,15 +1,17 @@
-"""What is measured on a region before anybody judges it: form, size on the road, colour against its surroundings.
+"""What is measured on a region before anybody judges it: form, edges, size on the road, colour in and around it.
 
 Nothing here is a threshold. Colours are logarithms of ratios to the asphalt, sizes are in metres on the road by the
 calibration, or ratios. Trees (trees.py) weigh them.
 """
 
-from typing import Dict, List
+import math
+from typing import Dict, List, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from obst_avoid.core.detection.robust.regions import CHANNELS, Regions
+from obst_avoid.core.detection.robust.lines import Line
+from obst_avoid.core.detection.robust.regions import WIDE, YELLOW, Regions
 from obst_avoid.core.detection.robust.view import View
 from obst_avoid.core.types import Array
 
@@ -19,13 +21,21 @@ INSIDE = slice(2, 8)
 """Cells of the box itself, about."""
 AROUND, AROUND_CELLS = 3.4, 7
 """Its surroundings: so many box sizes across, in so many by so many cells."""
+EDGE_CELLS, EDGE_GROWN = 6, 0.25
+"""Its edges: so many by so many cells over its box grown by this share on each side."""
+DIRECTIONS = 4
+"""Of edges, across a half turn."""
+EVEN = 0.05
+"""[octaves a pixel] What is flatter than this has no edges to speak of."""
 FAINT = 0.02
 """[ratio to asphalt] added to light before logarithms of it, so that the dark is not all noise."""
+NO_LINE = 2.0
+"""[m] and other measures of the nearest line where none is seen."""
 NO_NEIGHBOR = 6.0
 """Logarithm of area for the level beyond a channel's first one: everything."""
 
 
-def measure(regions: Regions, light: Array, view: View) -> Array:
+def measure(regions: Regions, light: Array, view: View, lines: Sequence[Line]) -> Array:
     """(N, len(NAMES)) float32, one row a region. light: (view.height, view.width, 3), relative to the asphalt's."""
     count = len(regions)
     if not count:
@@ -41,6 +51,8 @@ def measure(regions: Regions, light: Array, view: View) -> Array:
     columns.update(_form(regions, own))
     columns.update(_on_road(regions, view))
     columns.update(_levels(regions, own, u, v - view.top))
+    columns.update(_beside_lines(columns['ahead'], columns['aside'], lines))
+    columns['aside'] = np.abs(columns['aside'])
     columns['cut_side'] = (x <= 0) | (x + w >= view.width)
     columns['cut_low'] = y + h >= view.height
     columns['cut_top'] = y <= view.top
@@ -56,6 +68,10 @@ def measure(regions: Regions, light: Array, view: View) -> Array:
     columns.update(_grid('own', own.reshape(count, 5, 2, 5, 2).mean(axis=(2, 4))))
     quarter = cv2.blur(cv2.resize(light, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), (3, 3))
     far = _colors(_surroundings(regions.box, quarter))
+    steepness, edges = _edges(regions.box, smooth, view)
+    columns['steepness'] = steepness
+    for direction in range(DIRECTIONS):
+        columns.update(_grid('edge%d_' % direction, edges[..., direction]))
     columns.update(_grid('around_brightness', np.clip(far[0] - inside[0][:, None, None], -4, 4)))
     columns.update(_grid('around_blue', np.clip(far[2] - inside[2][:, None, None], -4, 4)))
     assert list(columns) == NAMES
@@ -71,11 +87,16 @@ def _names() -> List[str]:
     names += ['row%d' % i for i in range(6)] + ['lean']
     names += ['ahead', 'aside', 'width', 'rise', 'rise_to_width', 'length']
     names += ['yellow', 'narrowness', 'narrowness_more', 'wide', 'parent', 'child']
-    names += ['parent_width', 'parent_height', 'parent_foot', 'parent_top', 'cut_side', 'cut_low', 'cut_top']
+    names += ['parent_width', 'parent_height', 'parent_foot', 'parent_top']
+    names += ['line_distance', 'line_beyond', 'line_width', 'line_blue']
+    names += ['cut_side', 'cut_low', 'cut_top']
     for name in COLORS:
         names += [name] + [name + end for end in ('_spread', '_left', '_right', '_above', '_below')]
         names += ['%s%d%d' % (name, i, j) for i in range(5) for j in range(5)]
     names += ['own%d%d' % (i, j) for i in range(5) for j in range(5)]
+    names.append('steepness')
+    for direction in range(DIRECTIONS):
+        names += ['edge%d_%d%d' % (direction, i, j) for i in range(EDGE_CELLS) for j in range(EDGE_CELLS)]
     for name in ('around_brightness', 'around_blue'):
         names += ['%s%d%d' % (name, i, j) for i in range(AROUND_CELLS) for j in range(AROUND_CELLS)]
     return names
@@ -149,7 +170,7 @@ def _on_road(regions: Regions, view: View) -> Dict[str, Array]:
     rise = 1 - np.clip(above / np.maximum(nearness, 1e-3), -2, 1)  # its height in heights of the camera, if upright
     return {
         'ahead': ahead,
-        'aside': np.abs(view.bearing[foot, column] * ahead),
+        'aside': view.bearing[foot, column] * ahead,
         'width': np.log2(np.maximum(width, 1e-3)),
         'rise': rise,
         'rise_to_width': np.log2(np.maximum(rise, 1e-2) / np.maximum(width, 1e-3)),
@@ -167,7 +188,7 @@ def _levels(regions: Regions, own: Array, u: Array, v: Array) -> Dict[str, Array
         return highest
 
     yellow, wide, wider = peak(regions.yellow), peak(regions.wide), peak(regions.wider)
-    in_yellow = (regions.channel == 0) | (regions.channel == CHANNELS - 1)
+    in_yellow = (regions.channel == YELLOW) | (regions.channel == WIDE)
     steps = (np.arange(CELLS) + 0.5) / CELLS
     centred = 1 - 0.5 * np.hypot(*np.meshgrid(steps - 0.5, steps - 0.55))
     best = (own * centred).reshape(count, -1).argmax(axis=1)
@@ -214,6 +235,54 @@ def _levels(regions: Regions, own: Array, u: Array, v: Array) -> Dict[str, Array
         'parent_foot': outgrown[:, 2],
         'parent_top': outgrown[:, 3],
     }
+
+
+def _beside_lines(x: Array, y: Array, lines: Sequence[Line]) -> Dict[str, Array]:
+    """How far its foot is from the nearest line of tape, how far beyond its seen part, and what tape that is."""
+    best = {
+        'line_distance': np.full(len(x), NO_LINE),
+        'line_beyond': np.full(len(x), NO_LINE),
+        'line_width': np.full(len(x), NO_LINE),
+        'line_blue': np.full(len(x), NO_LINE),
+    }
+    for line in lines:
+        f = line.a + line.b * x + line.c * (x**2 + y**2) / 2 - y
+        distance = np.abs(f) / np.hypot(line.b + line.c * x, 1 - line.c * y)
+        near, far = sorted((line.begin, line.end))  # a line across the road begins anywhere
+        beyond = np.maximum(np.maximum(near - x, x - far), 0)
+        nearer = np.hypot(distance, beyond) < np.hypot(best['line_distance'], best['line_beyond'])
+        seen = {'line_distance': distance, 'line_beyond': beyond, 'line_width': line.width, 'line_blue': line.blueness}
+        for name, values in seen.items():
+            best[name] = np.where(nearer, values, best[name])
+    return best
+
+
+def _edges(box: Array, light: Array, view: View) -> Tuple[Array, Array]:
+    """How steep its brightness is, (N,), and in which of its cells edges of which direction are, as shares of that.
+
+    (N, EDGE_CELLS, EDGE_CELLS, DIRECTIONS): histograms of oriented gradients (Dalal and Triggs 2005), by integral
+    images (Dollar et al. 2009). In logarithms, so an edge in the dark weighs as much as one in the light.
+    """
+    bright = cv2.log(light[view.top :].sum(axis=2) / 3 + np.float32(FAINT)) * np.float32(1 / math.log(2))
+    across = cv2.Sobel(bright, cv2.CV_32F, 1, 0, ksize=1) / 2
+    down = cv2.Sobel(bright, cv2.CV_32F, 0, 1, ksize=1) / 2
+    size, angle = cv2.cartToPolar(across, down)
+    turn = angle * np.float32(DIRECTIONS / math.pi)
+    sums = []
+    for direction in range(DIRECTIONS):
+        off = np.abs((turn - direction + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2)
+        sums.append(cv2.integral(size * np.maximum(1 - off, 0), sdepth=cv2.CV_32F))
+    table = np.stack(sums, axis=2)
+    x, y, w, h = box.T
+    steps = np.arange(EDGE_CELLS + 1) / EDGE_CELLS * (1 + 2 * EDGE_GROWN) - EDGE_GROWN
+    u = np.clip(np.rint(x[:, None] + w[:, None] * steps), 0, view.width).astype(int)
+    v = np.clip(np.rint(y[:, None] + h[:, None] * steps) - view.top, 0, len(size)).astype(int)
+    corner = table[v[:, :, None], u[:, None, :]]
+    cell = corner[:, 1:, 1:] - corner[:, 1:, :-1] - corner[:, :-1, 1:] + corner[:, :-1, :-1]
+    area = np.maximum(np.diff(v)[:, :, None] * np.diff(u)[:, None, :], 1)
+    cell = cell / area[..., None]
+    steepness = cell.sum(axis=3).mean(axis=(1, 2))
+    return np.log2(steepness + EVEN), cell / (steepness + EVEN)[:, None, None, None]
 
 
 def _surroundings(box: Array, quarter: Array) -> Array:

@@ -64,7 +64,8 @@ def judge(
     pixels = np.concatenate([np.column_stack([middle, foot]), np.column_stack([middle, box[:, 1]])])
     ground = _ground(pixels * view.scale - 0.5, calibration)
     (feet, tops) = ground[: len(box)], ground[len(box) :]
-    seen_width = 2.0 ** rows[:, NAMES.index('width')] / rows[:, NAMES.index('ahead')] * feet[:, 0]
+    ahead = rows[:, NAMES.index('ahead')]
+    seen_width = 2.0 ** rows[:, NAMES.index('width')] / ahead * np.where(cut, ahead, feet[:, 0])
     radius = np.clip(seen_width / 2 * 2.0 ** trees.summed(forests['radius'], rows), LEAST_RADIUS, MOST_RADIUS)
     confidence = 1 / (1 + np.exp(-odds[chosen]))
     found = []

@@ -19,8 +19,9 @@ DARKER, BRIGHTER = 15.0, 60.0
 robot's own bumper are darker, paint and things are brighter."""
 FIRST_ROW, LAST_ROW, EVERY = 0.5, 0.98, 6
 """The road's part, as fractions of the picture's height; each EVERYth pixel is looked at."""
-DARKEST, FASTEST = 1.5 / 256, 2.0
-"""Limits: asphalt is at least as bright as pixel value 1 or so, and changes by at most this factor a second."""
+DARKEST, FASTEST, LONGEST = 1.5 / 256, 2.0, 10.0
+"""Limits: asphalt is at least as bright as pixel value 1 or so, and changes by at most this factor a second; after so
+many seconds [s] the light before says nothing."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def estimate_light(picture: Array) -> Light:
 
 def followed(before: Optional[Light], seen: Light, seconds: float) -> Light:
     """The light to use: what is seen, but no faster than FASTEST from the light before. None: nothing before."""
-    if before is None:
+    if before is None or seconds > LONGEST:
         return seen
     limit = float(FASTEST ** max(seconds, 0.0))
     blue, green, red = (min(max(new, old / limit), old * limit) for old, new in zip(before.road, seen.road))

@@ -165,6 +165,8 @@ def make_sampling(calibration: Calibration) -> LineSampling:
         scans.append(ray[(ray[:, 0] > RAY_BEGIN) & (ray[:, 0] < FARTHEST)])
     ground = np.concatenate(scans)
     scan = np.repeat(np.arange(len(scans)), [len(points) for points in scans])
+    before = np.column_stack([ground, np.ones(len(ground))]) @ np.linalg.inv(homography)[2] > 0
+    ground, scan = ground[before], scan[before]  # what lies behind a turned camera has no pixel
     pixels = pixel_from_ground(homography, ground)
     shown = (pixels > -0.5).all(axis=1) & (pixels < (width - 0.5, height - 0.5)).all(axis=1)
     maps = np.full((len(ground), 2), -10.0)  # beyond the rectified picture the lens model folds back

@@ -23,10 +23,12 @@ BLUE_LEVELS = np.array([0.75, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05])
 """Blue against red and green, whatever the brightness: what stands half in the shadow stays whole."""
 SMALLEST, WIDEST, SLIMMEST, FLATTEST = 14, 160, 4.0, 3.5
 """[px] area, [px] width, height to width, width to height, of a region in the working picture."""
-LOWEST_FOOT = 75 / 240
-"""Of the picture's height: a region whose foot is higher stands nowhere on the road, whatever the camera."""
-CHANNELS = 4
-"""Yellow, red, blueless, and yellow without what is as narrow as paint."""
+BRIGHT_LEVELS = np.exp(np.linspace(math.log(1.2), math.log(60.0), 14))
+"""Green light, asphalt's being 1: in blue and green light yellow things are the bright ones."""
+DARK_LEVELS = np.exp(np.linspace(math.log(1.2), math.log(12.0), 10))
+"""Asphalt's green light, against the pixel's: a fallen cone may show nothing but the black underside of its base."""
+YELLOW, RED, BLUELESS, WIDE, JOINED, BRIGHT, DARK = range(7)
+"""Channels: three colours, yellow without what is as narrow as paint, red across a cone's white band, light, dark."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays: the same object or another
@@ -73,16 +75,22 @@ def find_regions(light: Array, view: View) -> Regions:
     fewer = _fallen(green / red, GREEN_LEVELS), _fallen(blue / both, BLUE_LEVELS)
     layers: List[Layer] = []
     found: List[Array] = []
-    heights = ((yellow, len(YELLOW_LEVELS)), (fewer[0], 9), (fewer[1], 9), (wide, len(YELLOW_LEVELS)))
-    for channel, (height, levels) in enumerate(heights):
-        for level in range(levels):
+    heights = {
+        YELLOW: yellow,
+        RED: fewer[0],
+        BLUELESS: fewer[1],
+        WIDE: wide,
+        JOINED: joined(fewer[0], view.closing),
+        BRIGHT: _reached(green, BRIGHT_LEVELS),
+        DARK: _reached(1 / green, DARK_LEVELS),
+    }
+    for channel, height in heights.items():
+        for level in range(int(height.max())):
             mask = (height > level).view(np.uint8)
-            if not mask.any():
-                break
             _, labels, stats, middles = cv2.connectedComponentsWithStats(mask, connectivity=4)
             w, h = stats[:, 2], stats[:, 3]
             good = (stats[:, 4] >= SMALLEST) & (w < FLATTEST * h) & (h < SLIMMEST * w) & (w < WIDEST)
-            good &= stats[:, 1] + h + view.top >= LOWEST_FOOT * view.height
+            good &= stats[:, 1] + h + view.top > view.foot
             good[0] = False  # what is outside the mask
             ids = np.flatnonzero(good)
             here = np.full(len(ids), len(layers))
@@ -116,6 +124,20 @@ def opened(height: Array, bands: Sequence[Tuple[int, int, int]]) -> Array:
         if pixels > 1:
             part = cv2.morphologyEx(part, cv2.MORPH_OPEN, np.ones((pixels, pixels), np.uint8))
         result[first:past] = part[first - begin : past - begin]
+    return result
+
+
+def joined(height: Array, bands: Sequence[Tuple[int, int, int]]) -> Array:
+    """Grey closing by a column of each band's pixels: what lies between two parts, one above the other, joins them."""
+    result = np.empty_like(height)
+    most = 2 * max(pixels for _, _, pixels in bands) + 2
+    padded = cv2.copyMakeBorder(height, most, most, 0, 0, cv2.BORDER_CONSTANT)  # or things grow to a near edge
+    for first, past, pixels in bands:
+        column = np.ones((pixels | 1, 1), np.uint8)  # an even one moves things by half a pixel
+        part = padded[most + first - 2 * pixels : most + past + 2 * pixels]
+        if pixels > 1:
+            part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, column)
+        result[first:past] = part[2 * pixels : 2 * pixels + past - first]
     return result
 
 

@@ -7,12 +7,15 @@ train_detector; nothing in it is tuned by hand.
 
 import functools
 import os
+import zipfile
+import zlib
 from dataclasses import dataclass
 from typing import Dict, List, Tuple
 
 import numpy as np
 
 from obst_avoid.core.detection.robust.features import NAMES
+from obst_avoid.core.settings import SettingsError
 from obst_avoid.core.types import Array
 
 FILE = os.path.join(os.path.dirname(__file__), 'trees.npz')
@@ -75,12 +78,17 @@ def reasons(forest: Forest, values: Array, count: int = 4) -> List[Tuple[str, fl
 
 @functools.lru_cache(maxsize=1)
 def shipped() -> Dict[str, Forest]:
-    """The package's forests by name: thing, cone, foot, radius. Raises ValueError when they are of other features."""
-    with np.load(FILE) as file:
-        names = [str(name) for name in file['names']]
-        if names != NAMES:
-            raise ValueError('%s was trained on other measurements, expected those of features.py' % FILE)
-        return {name: _loaded(file, name) for name in ('thing', 'cone', 'foot', 'radius')}
+    """The package's forests by name: thing, cone, foot, radius. Raises SettingsError when the file is not usable."""
+    try:
+        with np.load(FILE) as file:
+            names = [str(name) for name in file['names']]
+            if names != NAMES:
+                raise SettingsError('%s was trained on other measurements, expected those of features.py' % FILE)
+            return {name: _loaded(file, name) for name in ('thing', 'cone', 'foot', 'radius')}
+    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        if isinstance(error, SettingsError):
+            raise
+        raise SettingsError('%s is no file of train_detector: %s' % (FILE, error)) from error
 
 
 def _loaded(file: Dict[str, Array], name: str) -> Forest:
