@@ -90,7 +90,7 @@ class TestRunScenarios:
         lines = ended.output.splitlines()
         assert any(line.startswith('family ') for line in lines)
         rows = [line.split() for line in lines if line.startswith('tiny ')]
-        assert rows == ['tiny 2 0 (0 to 84) 0 (0 to 84) 0:0 0 0 0 - - 0.0'.split()]
+        assert rows == ['tiny 2 0 (0 to 84) 0 (0 to 84) 0:0 0 0 0 - - 0.0 - 0 0'.split()]
         assert str(output / 'scenarios.json') in lines
         assert 'tiny, seed 8: ' + content['episodes'][1]['why'] in lines
 

@@ -49,7 +49,8 @@ def play(
     lane_control_settings: LaneControlSettings,
 ) -> Callable[..., Outcome]:
     """Plays an episode with a made-up detector: it is given the truth and answers what it likes."""
-    robot: Any = Robot(None, avoidance_settings, lane_control_settings)  # type: ignore[arg-type]
+    detector = detection.start(calibration_of(Camera()), replace(detection_settings(), profile='paper'))
+    robot = Robot(detector, avoidance_settings, lane_control_settings)
 
     def make(
         content: Dict[str, Any],
@@ -355,3 +356,11 @@ def test_a_real_episode(tmp_path: Path) -> None:
     assert 0.1 < one.stop_gap < 0.45
     assert any(frame.obstacles for frame in frames) and frames[-1].decision.state is State.STOPPED
     assert frames[-1].command == Command(0.0, 0.0)
+
+
+def test_it_is_counted_what_the_detector_knew(play: Any) -> None:
+    seen = play(mapping(thing(0.9))).sightings
+    assert (seen.of[0].after, seen.of[0].lost, seen.invented) == (0.0, 0, 0)
+    missed = play(mapping(thing(0.5, sort='duckie', height=0.05)), blind).sightings
+    assert (missed.of[0].after, missed.invented) == (None, 0)
+    assert play(mapping(success={'must': 'arrive', 'goal': 0.6}), ghost).sightings.invented == 1
