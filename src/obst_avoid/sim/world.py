@@ -136,16 +136,19 @@ def obstacles(world: World, place_: Place) -> List[Thing]:
 
 def truth(world: World, place_: Place) -> List[Obstacle]:
     """The same as a perfect detector would report them."""
-    scenario = place_.scenario
-    return obstacles_of(obstacles(world, place_), scenario.town, scenario.route, world.along, world.vehicle.pose)
+    return [obstacle for here, obstacle in everything(world, place_) if here]
 
 
 def everything(world: World, place_: Place) -> List[Tuple[bool, Obstacle]]:
     """All obstacles of the scenario, and whether each stands there now."""
     scenario = place_.scenario
-    things = [place(item, scenario, actor.left) for item, actor in zip(scenario.obstacles, world.actors)]
-    found = obstacles_of(things, scenario.town, scenario.route, world.along, world.vehicle.pose)
-    return [(actor.here, item) for actor, item in zip(world.actors, found)]
+    return [
+        (actor.here, obstacle)
+        for item, actor in zip(scenario.obstacles, world.actors)
+        for obstacle in obstacles_of(
+            [place(item, scenario, actor.left)], scenario.town, scenario.route, world.along, world.vehicle.pose
+        )
+    ]
 
 
 def gap(world: World, place_: Place) -> float:
