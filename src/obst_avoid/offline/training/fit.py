@@ -16,7 +16,7 @@ SAME, OTHER = 0.55, 0.3
 """[intersection over union] from which a region is the thing, and below which it is a wrong box of it."""
 SHARE, HARD = 0.1, -3.0
 """Share of what is no thing that a first forest sees; what it does not put below HARD, the second one sees."""
-TREES, FIRST_TREES, FEW_TREES = 600, 60, 60
+TREES, FIRST_TREES, FEW_TREES = 450, 60, 60
 """Of the judgement, of the search for hard regions, and of the other forests."""
 FEW: Dict[str, Any] = {
     'tree_method': 'hist',
@@ -27,11 +27,11 @@ FEW: Dict[str, Any] = {
     'eta': 0.1,
     'lambda': 5.0,
     'min_child_weight': 8.0,
-    'subsample': 0.7,
-    'colsample_bytree': 0.3,
+    'subsample': 0.6,
+    'colsample_bytree': 0.25,
     'seed': 1,
 }
-GROWING = {'max_leaves': 24, 'eta': 0.06}
+GROWING = {'max_leaves': 24, 'eta': 0.075}
 """What differs for the judgement."""
 SAFE = 0.005
 """Share of the regions of true things that each stage may drop: a thing has several."""
@@ -52,17 +52,16 @@ def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
     judgement = forest_of(_boosted('binary:logistic', values, thing, weight, TREES, threads, **GROWING))
     values = values[thing]
     cone, foot, radius = (_of(samples, name, true) for name in ('cone', 'foot', 'radius'))
-    known = {'foot': np.abs(foot) < 0.5, 'radius': np.abs(radius) < 2}
 
-    def regressed(name: str, target: Array) -> Forest:
-        some = known[name]
-        return forest_of(_boosted('reg:squarederror', values[some], target[some], None, FEW_TREES, threads))
+    def regressed(target: Array, most: float) -> Forest:
+        known = np.abs(target) < most  # not NaN either
+        return forest_of(_boosted('reg:squarederror', values[known], target[known], None, FEW_TREES, threads))
 
     return {
         'thing': replace(judgement, hopeless=hopeless(judgement, values)),
         'cone': forest_of(_boosted('binary:logistic', values, cone, None, FEW_TREES, threads)),
-        'foot': regressed('foot', foot),
-        'radius': regressed('radius', radius),
+        'foot': regressed(foot, 0.5),
+        'radius': regressed(radius, 2.0),
     }
 
 
