@@ -1,6 +1,6 @@
 """Serves both catkin_python_setup and pip: what is ROS-free installs without ROS."""
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 setup(
     name='obst_avoid',
@@ -11,6 +11,15 @@ setup(
     packages=find_packages('src'),
     package_dir={'': 'src'},
     package_data={'obst_avoid.offline.evaluation': ['*.html'], 'obst_avoid.core.detection.robust': ['*.npz']},
+    ext_modules=[
+        Extension(  # without a compiler numpy does its work
+            'obst_avoid._native',
+            ['src/obst_avoid/core/detection/robust/native.c'],
+            extra_compile_args=['-O3', '-ffp-contract=off'],
+            libraries=['m'],
+            optional=True,
+        )
+    ],
     install_requires=['numpy>=1.17', 'opencv-python-headless>=4.2,<5', 'scikit-image>=0.16', 'PyYAML'],
     extras_require={'sim': ['moderngl', 'shapely', 'scipy']},
 )

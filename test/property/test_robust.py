@@ -3,9 +3,11 @@
 import math
 from dataclasses import replace
 from typing import List, Tuple
+from unittest import mock
 
 import cv2
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from unit.cameras import Camera, calibration_of
@@ -14,6 +16,7 @@ from unit.rendered import brighter
 from unit.shipped import detection_settings
 
 from obst_avoid.core.detection import detect, start
+from obst_avoid.core.detection.robust import native
 from obst_avoid.core.types import Array, Kind, Obstacle
 from property.strategies import numbers
 
@@ -138,12 +141,34 @@ def test_an_empty_road_is_empty(pose: RobotPose, seed: int) -> None:
     assert seen(draw(Scene(), CALIBRATION, pose, seed), 0.5) == []
 
 
+def blotches(seed: int, size: int, share: float) -> Array:
+    """Of any size and darkness."""
+    coarse = np.random.RandomState(seed).uniform(0, 255 * share, (3 * size, 4 * size, 3)).astype(np.uint8)
+    return cv2.resize(coarse, (CALIBRATION.width, CALIBRATION.height), interpolation=cv2.INTER_CUBIC)
+
+
+pictures = st.builds(draw, scenes, st.just(CALIBRATION), poses) | st.builds(
+    blotches, st.integers(0, 10**6), st.sampled_from([4, 12, 40]), numbers(0.01, 1.0)
+)
+
+
+@pytest.mark.skipif(native.LIBRARY is None, reason='the compiled path is not built')
+@settings(max_examples=EXAMPLES)
+@given(pictures)
+def test_without_the_compiled_path_the_same_is_seen(picture: Array) -> None:
+    compiled = seen(picture, 0.06)
+    with mock.patch.object(native, 'LIBRARY', None):
+        slowly = seen(picture, 0.06)
+    assert [(one.kind, one.image_box) for one in slowly] == [(one.kind, one.image_box) for one in compiled]
+    for one, other in zip(slowly, compiled):
+        numbers_of = [(each.x, each.y, each.radius, each.confidence) for each in (one, other)]
+        assert numbers_of[0] == pytest.approx(numbers_of[1], abs=1e-3)
+
+
 @settings(max_examples=EXAMPLES)
 @given(st.integers(0, 10**6), st.sampled_from([4, 12, 40]), numbers(0.01, 1.0))
 def test_any_picture_gives_finite_numbers(seed: int, size: int, share: float) -> None:
-    """Blotches of any size and darkness."""
-    coarse = np.random.RandomState(seed).uniform(0, 255 * share, (3 * size, 4 * size, 3)).astype(np.uint8)
-    picture = cv2.resize(coarse, (CALIBRATION.width, CALIBRATION.height), interpolation=cv2.INTER_CUBIC)
+    picture = blotches(seed, size, share)
     scene, detector = detect(DETECTOR, picture, 0)
     assert scene.obstacles == []
     for one in [*seen(picture, 0.06), *(item.last for item in detector.state.tracks)]:

@@ -277,36 +277,54 @@ def test_help(name: str, capsys: pytest.CaptureFixture) -> None:
 
 @pytest.fixture
 def broken_trees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The detector's forests are not where they should be, or only a part of them."""
-    path, whole = tmp_path / 'trees.npz', Path(trees.FILE).read_bytes()
+    """The detector's forests are not where they should be, or only a part of them, or something is wrong with them."""
+    path, shipped = tmp_path / 'trees.npz', trees.FILE
     monkeypatch.setattr(trees, 'FILE', str(path))
 
-    def cut(share: float) -> str:
-        if share:
-            path.write_bytes(whole[: int(share * len(whole))])
+    def broken(how: str) -> str:
+        if how == 'cut off':
+            whole = Path(shipped).read_bytes()
+            path.write_bytes(whole[: int(0.7 * len(whole))])
+        elif how != 'missing':
+            with np.load(shipped) as file:
+                arrays = {name: file[name] for name in file.files}
+            if how == 'without an end':
+                arrays['first_nodes']['left'][0, 1] = 0
+            else:
+                arrays['names'] = arrays['names'][:-1]
+            np.savez(str(path), **arrays)
         trees.shipped.cache_clear()
         return str(path)
 
-    yield cut
+    yield broken
     trees.shipped.cache_clear()
 
 
-@pytest.mark.parametrize('share', [0.0, 0.7])
+@pytest.mark.parametrize(
+    ('how', 'words'),
+    [
+        ('missing', 'is no file of train_detector: '),
+        ('cut off', 'is no file of train_detector: '),
+        ('without an end', 'is no file of train_detector: the forest first is broken'),
+        ('of other measurements', 'was trained on other measurements, expected those of features.py'),
+    ],
+)
 @pytest.mark.parametrize('name', ['detect_images', 'show_steps', 'bench', 'run_bag'])
 def test_without_its_forests_a_tool_ends_with_a_sentence(
     name: str,
-    share: float,
-    broken_trees: Callable[[float], str],
+    how: str,
+    words: str,
+    broken_trees: Callable[[str], str],
     pictures: Path,
     bag: str,
     tmp_path: Path,
     sentence: Callable[[str], str],
 ) -> None:
-    path = broken_trees(share)
+    path = broken_trees(how)
     output = {'detect_images': 'o.json', 'show_steps': 'steps', 'bench': 'bench.json', 'run_bag': 'out.bag'}[name]
     shown = bag if name == 'run_bag' else str(pictures / 'b.jpg')
     assert TOOLS[name].main([*DEFAULT, '--output', str(tmp_path / output), shown]) == 1
-    assert '%s is no file of train_detector' % path in sentence(name)
+    assert '%s %s' % (path, words) in sentence(name)
 
 
 def test_tools_are_installed(pictures: Path, tmp_path: Path) -> None:
@@ -337,7 +355,7 @@ def test_what_a_tracker_remembers_is_no_detection_in_a_picture() -> None:
 
 class TestShowSteps:
     @pytest.mark.parametrize(
-        ('options', 'steps'), [([], 10), (['--profile', 'robust'], 10), (['--profile', 'paper'], 12)]
+        ('options', 'steps'), [([], 11), (['--profile', 'robust'], 11), (['--profile', 'paper'], 12)]
     )
     def test_each_step_and_a_sheet(self, options: List[str], steps: int, pictures: Path, tmp_path: Path) -> None:
         assert show_steps.main([*DEFAULT, *options, '--output', str(tmp_path), str(pictures / 'a.jpg')]) == 0
@@ -383,16 +401,27 @@ class TestShowSteps:
         assert steps == sorted(path.name for path in (tmp_path / 'b').iterdir())
         read = {name: {step: cv2.imread(str(tmp_path / name / step)).astype(int) for step in steps} for name in 'ab'}
         left, top, right, bottom = box_of(DUCKIE)
-        middle = ((top + bottom) // 2, (left + right) // 2)
-        small = middle[0] // 2, middle[1] // 2
-        for step, at in (
-            ('3_levels_of_yellow.png', small),
-            ('4_levels_of_yellow_paint_cut_off.png', small),
-            ('6_candidates.png', middle),
-            ('10_result.png', middle),
+        for step in (
+            '2_light_relative_to_the_asphalt.png',
+            '3_levels_of_yellow.png',
+            '4_levels_of_yellow_paint_cut_off.png',
+            '5_regions_at_all_levels.png',
+            '6_promising_regions.png',
+            '8_candidates.png',
+            '11_result.png',
         ):
-            box = slice(at[0] - 25, at[0] + 25), slice(at[1] - 25, at[1] + 25)
+            scale = 640 / read['a'][step].shape[1]  # the working picture is smaller
+            row, column = int((top + bottom) / 2 / scale), int((left + right) / 2 / scale)
+            reach = int(25 / scale)
+            box = slice(row - reach, row + reach), slice(column - reach, column + reach)
             assert np.abs(read['a'][step][box] - read['b'][step][box]).max() > 60, step
+
+    def test_fewer_regions_are_promising_than_there_are(self, pictures: Path, tmp_path: Path) -> None:
+        assert show_steps.main([*DEFAULT, '--output', str(tmp_path), str(pictures / 'a.jpg')]) == 0
+        steps = ('2_light_relative_to_the_asphalt', '5_regions_at_all_levels', '6_promising_regions')
+        plain, every, some = (cv2.imread(str(tmp_path / 'a' / (step + '.png'))).astype(int) for step in steps)
+        drawn = [int((np.abs(shown - plain // 2).max(axis=2) > 60).sum()) for shown in (every, some)]
+        assert 0 < drawn[1] < drawn[0]
 
     def test_one_name_in_two_folders(self, tmp_path: Path) -> None:
         paths = []
@@ -716,11 +745,32 @@ def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert result['pictures'] == 3
     assert '1' in result['threads']
     for figures in result['threads'].values():
-        assert next(iter(figures)) == 'decode'
-        assert set(figures) >= {'decode', 'light', 'regions', 'values', 'candidates', 'lane', 'obstacles'}
-        for values in figures.values():
-            assert 0 < values['median_ms'] <= values['p95_ms'] <= values['p99_ms']
-    assert 'x decoding' in capsys.readouterr().out
+        assert set(figures['robust']) >= {'decode', 'light', 'regions', 'values', 'candidates', 'lane', 'obstacles'}
+        assert set(figures['paper']) >= {'decode', 'corrected', 'bird_view', 'blobs', 'obstacles'}
+        for stages in (figures['robust'], figures['paper'], {'': figures['paper as deployed in 2018']}):
+            for values in stages.values():
+                assert 0 < values['median_ms'] <= values['p95_ms'] <= values['p99_ms']
+    assert {name: set(values) for name, values in result['blobs'].items()} == dict.fromkeys(
+        ('robust', 'paper'), {'0', '3', '30', '100', '300'}
+    )
+    assert set(result['sizes']) == {'320x240', '640x480', '960x720', '1280x960'}
+    assert 20 < result['start']['memory_mb'] < 1000
+    printed = capsys.readouterr().out
+    assert 'x decoding' in printed
+    assert 'ratio' not in printed
+    picture = tmp_path / 'picture.jpg'
+    cv2.imwrite(str(picture), picture_of(SCENE))
+    try:
+        assert bench.main(['--count', '3', '--compare', str(output), str(picture)]) == 0
+    finally:
+        cv2.setNumThreads(threads)
+    assert 'robust, component trees' in capsys.readouterr().out
+
+
+def test_bench_against_what_it_did_not_write(tmp_path: Path, sentence: Callable[[str], str]) -> None:
+    (tmp_path / 'other.json').write_text('{"threads": {}}')
+    assert bench.main(['--compare', str(tmp_path / 'other.json')]) == 1
+    assert 'is no file that bench wrote' in sentence('bench')
 
 
 @pytest.mark.parametrize(('module', 'arguments'), [(simulated_bag, ['x.bag']), (bench, [])])

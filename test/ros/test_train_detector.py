@@ -4,7 +4,10 @@ from __future__ import annotations  # the robot's pytest does not export its fix
 
 import json
 import os
+import re
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Tuple
 
@@ -17,12 +20,13 @@ from unit.drawn import Thing as Placed
 
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import CalibrationError
-from obst_avoid.core.detection.robust import trees
-from obst_avoid.core.detection.robust.features import NAMES
+from obst_avoid.core.detection.robust import native, trees
+from obst_avoid.core.detection.robust.channels import channels_of
+from obst_avoid.core.detection.robust.features import NAMES, QUICK
 from obst_avoid.core.detection.robust.judgement import judge
-from obst_avoid.core.detection.robust.light import LINEAR, estimate_light, relative
+from obst_avoid.core.detection.robust.light import LINEAR, estimate_light
 from obst_avoid.core.detection.robust.regions import find_regions
-from obst_avoid.core.detection.robust.trees import STAGES, summed
+from obst_avoid.core.detection.robust.trees import FORESTS, NODE, Forest, summed
 from obst_avoid.core.detection.robust.view import make_view, working_picture
 from obst_avoid.core.types import Kind
 from obst_avoid.offline import render_dataset, train_detector
@@ -77,8 +81,11 @@ def grown(rendered: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert ended.code == 0, ended.output
     assert 'Traceback' not in ended.output
     last = ended.output.strip().splitlines()[-1]
-    assert last.startswith('%d pictures, ' % (2 * PICTURES))
-    assert last.endswith(': %s' % output)
+    words = re.match(r'(\d+) pictures, (\d+) regions, (\d+) of them things: %s$' % re.escape(str(output)), last)
+    assert words, last
+    shown, regions, things = map(int, words.groups())
+    assert 0 < shown <= 2 * PICTURES  # those of which the first look leaves anything
+    assert 0 < things < regions
     return output
 
 
@@ -93,27 +100,49 @@ def loaded(grown: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @growing
 def test_the_file_is_what_the_detector_loads(loaded: Any) -> None:
-    assert set(loaded) == {'thing', 'cone', 'foot', 'radius'}
-    assert len(loaded['thing'].hopeless) == len(STAGES)
+    from obst_avoid.offline.training import fit
+
+    assert tuple(loaded) == FORESTS
+    stages = {name: tuple(forest.stages.tolist()) for name, forest in loaded.items()}
+    assert stages == {'first': fit.FIRST_STAGES, 'thing': fit.STAGES, 'cone': (), 'foot': (), 'radius': ()}
+    trees_of = {name: len(forest.nodes) for name, forest in loaded.items()}
+    few = fit.FEW_TREES
+    assert trees_of == {'first': fit.FIRST_TREES, 'thing': fit.TREES, 'cone': few, 'foot': few, 'radius': few}
+    assert loaded['first'].nodes['feature'].max() < len(QUICK), 'more is not measured on all regions'
     values = np.random.RandomState(0).randn(50, len(NAMES)).astype(np.float32)
     for name, forest in loaded.items():
         sums = summed(forest, values)
         assert not np.isnan(sums).any() and (sums < np.inf).all()  # -inf: hopeless, and only a judgement may say so
-        assert name == 'thing' or np.isfinite(sums).all()
+        assert name in ('first', 'thing') or np.isfinite(sums).all()
+
+
+def counted(found: Samples) -> Any:
+    """(2,) regions of things, and of none."""
+    return np.array([((found.overlap >= 0.6) & ~found.ignored).sum(), (~found.touches & ~found.ignored).sum()])
 
 
 @growing
 def test_what_was_learnt_is_found_again(loaded: Any, rendered: Path, detection_settings: Any) -> None:
-    """On the very pictures that it learnt from, labelled things get higher odds than anything else."""
+    """On the very pictures that it learnt from, labelled things get higher odds than anything else.
+
+    A first look leaves them, and little else.
+    """
     dataset = Dataset(**entry(rendered, copies=1))
     things, others = [], []
+    looked_at, left = np.zeros(2, dtype=int), np.zeros(2, dtype=int)
     for picture, boxes in read_labels(dataset):
-        found = samples_of(dataset, picture, boxes, 0)
-        assert found is not None
+        every, found = samples_of(dataset, picture, boxes, 0), samples_of(dataset, picture, boxes, 0, loaded['first'])
+        assert every is not None
+        looked_at += counted(every)
+        if found is None:
+            continue
+        left += counted(found)
         odds = summed(loaded['thing'], found.values)
         things += odds[(found.overlap >= 0.6) & ~found.ignored].tolist()
         others += odds[~found.touches & ~found.ignored].tolist()
     assert len(things) > 10
+    assert left[0] > 0.95 * looked_at[0]
+    assert left[1] < 0.2 * looked_at[1]
     assert np.median(things) > np.sort(others)[int(0.98 * len(others))]
     detector = detection.start(default_calibration(), detection_settings)
     scene, _ = detection.detect(detector, picture_of(), None)
@@ -139,14 +168,40 @@ def test_the_forests_say_what_xgboost_says() -> None:
             'tree_method': 'hist',
             'eta': 0.3,
         }
-        booster = xgboost.train({**settings, 'nthread': 1}, xgboost.DMatrix(values, target), STAGES[0] + 10)
+        booster = xgboost.train({**settings, 'nthread': 1}, xgboost.DMatrix(values, target), 25)
         expected = booster.predict(xgboost.DMatrix(values), output_margin=True)
-        np.testing.assert_allclose(summed(forest_of(booster), values), expected, atol=1e-3)
+        forest = forest_of(booster)
+        assert forest.nodes.dtype == NODE
+        assert len(forest.nodes) == 25
+        np.testing.assert_allclose(summed(forest, values), expected, atol=1e-3)
+        assert trees._sound(forest.nodes)
+        assert [int(depth) for depth in forest.nodes['depth'][:, 0]] == [deepest(tree) for tree in forest.nodes]
 
 
-def made_up(random: np.random.RandomState, count: int) -> Samples:
+@growing
+def test_a_tree_of_one_leaf_is_one_too() -> None:
+    """Where nothing is to be learnt XGBoost's trees are leaves."""
+    import xgboost
+
+    from obst_avoid.offline.training.fit import forest_of
+
+    values = np.zeros((20, len(NAMES)), np.float32)
+    booster = xgboost.train({'base_score': 0.25, 'nthread': 1}, xgboost.DMatrix(values, np.full(20, 0.25)), 3)
+    forest = forest_of(booster)
+    assert forest.nodes['depth'].max() == 0
+    np.testing.assert_allclose(summed(forest, values[:2]), 0.25, atol=1e-6)
+
+
+def deepest(tree: Any, node: int = 0) -> int:
+    """Steps of the longest way down from a node of a (K,) tree."""
+    if tree['left'][node] == node:
+        return 0
+    return 1 + max(deepest(tree, int(tree[side][node])) for side in ('left', 'right'))
+
+
+def made_up(random: np.random.RandomState, count: int, columns: int = len(NAMES)) -> Samples:
     """Regions of one picture whose first values tell thing, cone, foot and radius; ignored ones say the reverse."""
-    values = random.randn(count, len(NAMES)).astype(np.float32)
+    values = random.randn(count, columns).astype(np.float32)
     ignored = random.rand(count) < 0.2
     thing = (values[:, 0] > 0.8) != ignored
     return Samples(
@@ -167,6 +222,7 @@ def test_each_forest_learns_its_own_from_all_pictures(monkeypatch: pytest.Monkey
     random = np.random.RandomState(0)
     pictures = [made_up(random, count) for count in (700, 150, 1, 900, 400, 60, 800)]
     forests = fit.grown(pictures, 1)
+    assert list(forests) == ['thing', 'cone', 'foot', 'radius']
     values = np.random.RandomState(1).randn(1500, len(NAMES)).astype(np.float32)
     odds, cone, foot, radius = (summed(forests[name], values) for name in ('thing', 'cone', 'foot', 'radius'))
     thing = values[:, 0] > 0.8
@@ -175,6 +231,64 @@ def test_each_forest_learns_its_own_from_all_pictures(monkeypatch: pytest.Monkey
     assert np.corrcoef(foot, np.tanh(values[:, 2]))[0, 1] > 0.9
     assert np.corrcoef(radius, np.tanh(values[:, 3]))[0, 1] > 0.9
     assert np.isfinite(odds[thing]).mean() > 0.9, 'hopeless is what is none'
+
+
+@growing
+def test_the_first_look_drops_what_is_surely_none() -> None:
+    """By what is measured on all regions; nearly each thing that it learnt from passes every stage."""
+    from obst_avoid.offline.training import fit
+
+    random = np.random.RandomState(0)
+    pictures = [made_up(random, count, len(QUICK)) for count in (700, 1, 900, 400, 60, 800)]
+    forest = fit.first_of(pictures, 1)
+    assert forest.stages.tolist() == list(fit.FIRST_STAGES)
+    assert len(forest.nodes) == fit.FIRST_TREES == fit.FIRST_STAGES[-1], 'the last stage is the verdict'
+    taught = np.concatenate([item.values[fit.things(item)] for item in pictures])
+    lost = 1 - np.isfinite(summed(forest, taught)).mean()
+    assert 0 < lost <= 0.001 + fit.SAFE * len(fit.FIRST_STAGES)
+    values = np.random.RandomState(1).randn(1500, len(QUICK)).astype(np.float32)
+    kept, thing = np.isfinite(summed(forest, values)), values[:, 0] > 0.8
+    assert kept[thing].mean() > 0.95
+    assert kept[values[:, 0] < 0.6].mean() < 0.1
+
+
+@growing
+@pytest.mark.parametrize('share', [0.05, 0.3])
+def test_a_stage_drops_a_given_share_of_the_things_that_were_learnt(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or fewer: those with the same sum stay together."""
+    from obst_avoid.offline.training import fit
+
+    monkeypatch.setattr(fit, 'SAFE', share)
+    monkeypatch.setattr(fit, 'FIRST_STAGES', (20,))
+    item = made_up(np.random.RandomState(0), 4000, len(QUICK))
+    forest = fit.first_of([item], 1)
+    assert forest.stages.tolist() == [20]
+    lost = 1 - np.isfinite(summed(forest, item.values[fit.things(item)])).mean()
+    assert share / 2 < lost < share + 0.002
+
+
+@growing
+def test_what_is_written_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from obst_avoid.offline.training import fit
+
+    shipped = trees.shipped()
+    fit.write(shipped, str(tmp_path / 'trees.npz'))
+    trees.shipped.cache_clear()
+    monkeypatch.setattr(trees, 'FILE', str(tmp_path / 'trees.npz'))
+    again = trees.shipped()
+    trees.shipped.cache_clear()
+    for name in FORESTS:
+        for field in ('nodes', 'base', 'stages', 'hopeless'):
+            np.testing.assert_array_equal(getattr(again[name], field), getattr(shipped[name], field))
+
+
+def test_its_workers_have_the_compiled_path_too() -> None:
+    """They import the package anew, in catkin's development space from another folder than this process."""
+    asked = '__import__("obst_avoid.core.detection.robust.native", fromlist=["LIBRARY"]).LIBRARY is None'
+    with ProcessPoolExecutor(1, get_context('spawn')) as workers:
+        assert workers.submit(eval, asked).result() is (native.LIBRARY is None)
 
 
 def test_what_is_held_out_is_not_looked_at(rendered: Path, tmp_path: Path, sentence: Callable[[str], str]) -> None:
@@ -200,7 +314,7 @@ def test_each_region_on_a_thing_is_its_sample(rendered: Path) -> None:
         found = samples_of(dataset, picture, boxes, 0)
         assert found is not None
         count = len(found.box)
-        assert found.values.shape == (count, len(NAMES))
+        assert found.values.shape == (count, len(QUICK))
         for name in ('overlap', 'touches', 'ignored', 'cone', 'foot', 'radius'):
             assert getattr(found, name).shape == (count,), name
         good = found.overlap > 0.7
@@ -212,6 +326,31 @@ def test_each_region_on_a_thing_is_its_sample(rendered: Path) -> None:
         if 'cone' not in kinds:
             assert not found.cone.any()
     assert hits > 20
+
+
+def leaving(name: str, more_than: float) -> Forest:
+    """A first forest that leaves the regions of which that measurement is at least so much."""
+    nodes = np.zeros((1, 3), dtype=NODE)
+    nodes['left'] = nodes['right'] = np.arange(3)
+    nodes[0, 0] = (NAMES.index(name), 1, 2, 1, more_than)
+    nodes['value'][0, 1:] = -1, 1
+    return Forest(nodes, 0.0, np.int32([1]), np.float32([0]))
+
+
+def test_everything_is_measured_on_what_the_first_forest_leaves(rendered: Path) -> None:
+    dataset = Dataset(**entry(rendered, copies=1))
+    for picture, boxes in read_labels(dataset)[:4]:
+        for copy in (0, 1):
+            every = samples_of(dataset, picture, boxes, copy)
+            some = samples_of(dataset, picture, boxes, copy, leaving('pixels_up', 12.0))
+            assert every is not None and some is not None
+            left = every.values[:, QUICK.index('pixels_up')] >= 12
+            assert 0 < left.sum() < len(left)
+            assert some.values.shape == (left.sum(), len(NAMES))
+            np.testing.assert_array_equal(some.values[:, : len(QUICK)], every.values[left])
+            for name in ('overlap', 'touches', 'ignored', 'cone', 'foot', 'radius', 'box'):
+                np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[left])
+            assert samples_of(dataset, picture, boxes, copy, leaving('pixels_up', 1000.0)) is None
 
 
 def test_copies_differ_and_are_the_same_each_time(rendered: Path) -> None:
@@ -310,7 +449,7 @@ def test_regions_on_what_a_copy_hardly_shows_are_ignored(tmp_path: Path, monkeyp
     complete = {'duckie': 'all', 'cone': 'all'}
     picture = {'file_name': 'a.png', 'width': 640, 'height': 480, 'complete': complete}
     lost = 0
-    for copy in range(1, 25):
+    for copy in range(1, 41):
         found = samples_of(dataset, picture, [label], copy)
         _, kept, ignored = moved[-1]
         if kept or not ignored or found is None:
@@ -334,7 +473,7 @@ def test_pictures_of_one_width_and_other_heights_have_their_own_calibrations(tmp
     for height, calibration in made.items():
         assert (calibration.width, calibration.height) == (640, height)
         view = sampling._view(dataset, calibration)
-        assert view.height == round(height / 2)
+        assert view.height == round(height * view.width / 640)
         assert sampling._calibration(dataset, 640, height) is calibration, 'made once'
     with pytest.raises(CalibrationError, match='the picture is 640x360, expected the aspect of 640x480'):
         sampling._calibration(dataset, 640, 360)
@@ -355,11 +494,13 @@ def test_what_the_radius_is_learnt_from_gives_the_radius(
     assert found is not None
     calibration = default_calibration()
     view = make_view(calibration)
-    regions = find_regions(relative(working_picture(shown, view), estimate_light(shown)), view)
+    regions = find_regions(channels_of(working_picture(shown, view), estimate_light(shown), view), view)
     np.testing.assert_array_equal(regions.box * view.scale, found.box)
     chosen = np.flatnonzero(found.overlap > 0.6)
     assert len(chosen) > 3
     assert (found.values[chosen, NAMES.index('cut_low')] == cut).all()
+    values = np.zeros((len(regions), len(NAMES)), np.float32)  # only these are asked for the radius
+    values[:, : len(QUICK)] = found.values
     for row in chosen:
         taught = {
             'thing': np.where(np.arange(len(regions)) == row, 3.0, -9.0),
@@ -369,7 +510,7 @@ def test_what_the_radius_is_learnt_from_gives_the_radius(
         }
         monkeypatch.setattr(trees, 'shipped', lambda taught=taught: taught)
         monkeypatch.setattr(trees, 'summed', lambda forest, values: forest)
-        (one,) = judge(regions, found.values, view, calibration, detection_settings.robust)
+        (one,) = judge(regions.box, values, view, calibration, detection_settings.robust)
         assert (one.row, one.cut) == (row, cut)
         assert one.radius == pytest.approx(thing.radius, rel=1e-3 if cut else 0.05)
         assert cut or one.x == pytest.approx(label['x'], rel=0.02)

@@ -1,6 +1,7 @@
 """core.detection.robust.judgement: which regions are things, with forests that say what the test wants."""
 
 import math
+from dataclasses import replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -8,43 +9,52 @@ import pytest
 
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.detection.robust import trees
-from obst_avoid.core.detection.robust.features import NAMES
-from obst_avoid.core.detection.robust.judgement import LEAST_RADIUS, MOST, MOST_RADIUS, Candidate, judge
-from obst_avoid.core.detection.robust.regions import Regions
+from obst_avoid.core.detection.robust.features import NAMES, QUICK
+from obst_avoid.core.detection.robust.judgement import (
+    LEAST_RADIUS,
+    MOST,
+    MOST_PROMISING,
+    MOST_RADIUS,
+    Candidate,
+    judge,
+    promising,
+)
 from obst_avoid.core.detection.robust.settings import RobustSettings
-from obst_avoid.core.detection.robust.trees import Forest
-from obst_avoid.core.detection.robust.view import View, make_view
+from obst_avoid.core.detection.robust.trees import NODE, Forest
+from obst_avoid.core.detection.robust.view import WIDTH, View, make_view
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.geometry import image_from_rectified, pixel_from_ground
 from obst_avoid.core.types import Kind
 from unit.cameras import Camera, calibration_of
 
 CAMERA = calibration_of(Camera())
-ODDS, CONE, FOOT, RADIUS = 'brightness00', 'green00', 'blue00', 'own00'
-"""Measurements that stand for the answers of the four forests."""
+HEIGHT = 180
+"""[px] of the working picture."""
+FIRST, ODDS, CONE, FOOT, RADIUS = 'fill', 'brightness00', 'green00', 'blue00', 'own00'
+"""Measurements that stand for the answers of the five forests."""
+HOPELESS = -5.0
+"""Below it the first forest drops what it looks at."""
 Rectangle = Tuple[float, float, float, float]
 
 
 def stairs(name: str) -> Forest:
     """A forest that gives back a measurement between -12 and 12, rounded down to sixteenths."""
     steps = np.arange(-12, 12, 1 / 16)
-    count = len(steps)
-    nodes = np.array([0, 1, 2])
-    return Forest(
-        np.tile([NAMES.index(name), 0, 0], (count, 1)),
-        np.column_stack([steps + 1 / 16, np.zeros((count, 2))]).astype(np.float32),
-        np.tile([1, 1, 2], (count, 1)),
-        np.tile([2, *nodes[1:]], (count, 1)),
-        np.tile(np.array([0, 0, 1 / 16], np.float32), (count, 1)),
-        -12.0,
-        1,
-    )
+    nodes = np.zeros((len(steps), 3), dtype=NODE)
+    nodes['left'] = nodes['right'] = np.arange(3)
+    nodes['feature'][:, 0], nodes['value'][:, 0] = NAMES.index(name), steps + 1 / 16
+    nodes['left'][:, 0], nodes['right'][:, 0], nodes['depth'][:, 0] = 1, 2, 1
+    nodes['value'][:, 2] = 1 / 16
+    return Forest(nodes, -12.0, np.zeros(0, np.int32), np.zeros(0, np.float32))
 
 
 @pytest.fixture(autouse=True)
 def _said(monkeypatch: pytest.MonkeyPatch) -> None:
     """The forests say what stands in a region's values."""
-    forests = {'thing': stairs(ODDS), 'cone': stairs(CONE), 'foot': stairs(FOOT), 'radius': stairs(RADIUS)}
+    names = {'first': FIRST, 'thing': ODDS, 'cone': CONE, 'foot': FOOT, 'radius': RADIUS}
+    forests = {forest: stairs(name) for forest, name in names.items()}
+    trees_of_first = np.int32([len(forests['first'].nodes)])
+    forests['first'] = replace(forests['first'], stages=trees_of_first, hopeless=np.float32([HOPELESS]))
     monkeypatch.setattr(trees, 'shipped', lambda: forests)
 
 
@@ -52,14 +62,6 @@ def _said(monkeypatch: pytest.MonkeyPatch) -> None:
 def settings(detection_settings: DetectionSettings) -> RobustSettings:
     """As shipped."""
     return detection_settings.robust
-
-
-def regions_of(boxes: Sequence[Rectangle]) -> Regions:
-    """Regions of which only the boxes matter."""
-    box = np.array(boxes, dtype=float).reshape(-1, 4)
-    zeros, nothing = np.zeros(len(box), dtype=int), np.zeros((1, 1), np.uint8)
-    middle = box[:, :2] + box[:, 2:] / 2
-    return Regions(zeros, zeros, zeros, zeros, box, box[:, 2] * box[:, 3], middle, [], nothing, nothing, nothing)
 
 
 def odds(confidence: float) -> float:
@@ -79,10 +81,10 @@ def judged(
     confidences = [0.9] * len(boxes) if confidences is None else confidences
     values = np.zeros((len(boxes), len(NAMES)), np.float32)
     values[:, NAMES.index(ODDS)] = [odds(value) + 1e-3 for value in confidences]
-    said: Dict[str, float] = {CONE: -1.0, FOOT: 0.0, RADIUS: 0.0, 'width': math.log2(0.05), 'ahead': 0.5, **answers}
+    said: Dict[str, float] = {CONE: -1.0, FOOT: 0.0, RADIUS: 0.0, 'width': 0.05, 'ahead': 0.5, **answers}
     for name, value in said.items():
         values[:, NAMES.index(name)] = value + (1e-4 if name in (CONE, FOOT, RADIUS) else 0)
-    return judge(regions_of(boxes), values, view, calibration, settings)
+    return judge(np.array(boxes, dtype=float).reshape(-1, 4), values, view, calibration, settings)
 
 
 def box_at(x: float, y: float, view: View, width: float = 20.0, height: float = 20.0) -> Rectangle:
@@ -93,7 +95,7 @@ def box_at(x: float, y: float, view: View, width: float = 20.0, height: float = 
 
 
 def rows_of(found: Sequence[Candidate]) -> List[int]:
-    """Their numbers among the regions."""
+    """Their numbers among the promising regions."""
     return [one.row for one in found]
 
 
@@ -103,17 +105,44 @@ def test_the_stairs_are_what_they_say() -> None:
     assert trees.summed(stairs(ODDS), values).tolist() == [-3.0, 0.25, 5.5]
 
 
+def looked_at(answers: Sequence[float]) -> Any:
+    """What is promising of regions to which the first forest answers so."""
+    quick = np.zeros((len(answers), len(QUICK)), np.float32)
+    quick[:, QUICK.index(FIRST)] = answers
+    chosen = promising(quick)
+    assert chosen.dtype.kind == 'i'
+    return chosen
+
+
+def test_what_is_not_hopeless_is_promising() -> None:
+    assert looked_at([]).tolist() == []
+    assert looked_at([-6.0, -9.0]).tolist() == []
+    assert looked_at([3.0, -5.25, -4.75, -8.0, HOPELESS, -11.0, 9.0]).tolist() == [0, 2, 4, 6]
+
+
+@pytest.mark.parametrize('more', [0, 1, 500])
+def test_only_the_best_of_many_are_promising_in_their_order(more: int) -> None:
+    """A picture full of blobs takes no longer than any."""
+    answers = np.random.RandomState(more).permutation(np.linspace(-4.9, 11, MOST_PROMISING + more))
+    answers = np.insert(answers, [0, 10, 20], -7.0)
+    chosen = looked_at(answers)
+    assert len(chosen) == MOST_PROMISING
+    assert (np.diff(chosen) > 0).all()
+    left = np.delete(answers, chosen)
+    assert np.floor(16 * answers[chosen].min()) >= np.floor(16 * left.max())  # the stairs have sixteenths
+
+
 def test_no_region_no_candidate(settings: RobustSettings) -> None:
     assert judged(settings, []) == []
 
 
 def test_what_is_hopeless_everywhere_is_no_candidate(settings: RobustSettings) -> None:
-    assert judged(settings, [(100, 150, 20, 20), (200, 150, 20, 20)], [0.001, 0.01]) == []
+    assert judged(settings, [(100, 130, 20, 20), (200, 130, 20, 20)], [0.001, 0.01]) == []
 
 
 def test_candidates_have_at_least_the_weak_confidence_and_the_best_comes_first(settings: RobustSettings) -> None:
     weak = settings.weak_confidence
-    boxes = [(30 * i + 10, 150, 20, 20) for i in range(6)]
+    boxes = [(30 * i + 10, 140, 20, 20) for i in range(6)]
     confidences = [0.3, weak / 2, 0.98, weak * 1.5, weak * 0.8, 0.6]
     found = judged(settings, boxes, confidences)
     assert rows_of(found) == [2, 5, 0, 3]
@@ -124,22 +153,22 @@ def test_candidates_have_at_least_the_weak_confidence_and_the_best_comes_first(s
 @pytest.mark.parametrize(
     'boxes, confidences, kept',
     [
-        pytest.param([(100, 150, 20, 20), (100, 150, 20, 20)], [0.7, 0.8], [1], id='the same box'),
-        pytest.param([(100, 150, 40, 40), (110, 160, 10, 10)], [0.8, 0.7], [0], id='a part of it'),
-        pytest.param([(100, 150, 40, 40), (110, 160, 10, 10)], [0.7, 0.8], [1], id='it around a part'),
-        pytest.param([(100, 150, 20, 20), (114, 150, 20, 20)], [0.8, 0.7], [0, 1], id='three tenths shared'),
-        pytest.param([(100, 150, 20, 20), (112, 150, 20, 20)], [0.8, 0.7], [0], id='four tenths shared'),
-        pytest.param([(100, 150, 20, 20), (100, 170, 20, 20)], [0.8, 0.7], [0, 1], id='one above the other'),
+        pytest.param([(100, 130, 20, 20), (100, 130, 20, 20)], [0.7, 0.8], [1], id='the same box'),
+        pytest.param([(100, 130, 40, 40), (110, 140, 10, 10)], [0.8, 0.7], [0], id='a part of it'),
+        pytest.param([(100, 130, 40, 40), (110, 140, 10, 10)], [0.7, 0.8], [1], id='it around a part'),
+        pytest.param([(100, 130, 20, 20), (114, 130, 20, 20)], [0.8, 0.7], [0, 1], id='three tenths shared'),
+        pytest.param([(100, 130, 20, 20), (112, 130, 20, 20)], [0.8, 0.7], [0], id='four tenths shared'),
+        pytest.param([(100, 130, 20, 20), (100, 150, 20, 20)], [0.8, 0.7], [0, 1], id='one above the other'),
         pytest.param(
-            [(100, 150, 20, 20), (110, 150, 20, 20), (120, 150, 20, 20)], [0.7, 0.9, 0.8], [1], id='on the best one'
+            [(100, 130, 20, 20), (110, 130, 20, 20), (120, 130, 20, 20)], [0.7, 0.9, 0.8], [1], id='on the best one'
         ),
         pytest.param(
-            [(100, 150, 20, 20), (110, 150, 20, 20), (120, 150, 20, 20)],
+            [(100, 130, 20, 20), (110, 130, 20, 20), (120, 130, 20, 20)],
             [0.9, 0.8, 0.7],
             [0, 2],
             id='what was dropped drops nothing',
         ),
-        pytest.param([(100, 150, 20, 20), (100, 150, 20, 20)], [0.8, 0.8], [0], id='equally sure: the first'),
+        pytest.param([(100, 130, 20, 20), (100, 130, 20, 20)], [0.8, 0.8], [0], id='equally sure: the first'),
     ],
 )
 def test_what_lies_on_a_better_one_is_dropped(
@@ -150,7 +179,7 @@ def test_what_lies_on_a_better_one_is_dropped(
 
 
 def test_there_are_at_most_so_many(settings: RobustSettings) -> None:
-    boxes = [(12 * (i % 25), 120 + 12 * (i // 25), 10, 10) for i in range(75)]
+    boxes = [(12 * (i % 19), 110 + 12 * (i // 19), 10, 10) for i in range(75)]
     confidences = list(np.linspace(0.5, 0.95, 75))
     assert rows_of(judged(settings, boxes, confidences))[:3] == [74, 73, 72]
     assert len(judged(settings, boxes, confidences)) == MOST
@@ -166,7 +195,7 @@ def test_a_candidate_stands_where_its_foot_is(
     (found,) = judged(settings, [box], calibration=calibration)
     assert (found.x, found.y) == pytest.approx((x, y), abs=0.01 * x)
     assert found.kind is Kind.DUCKIE
-    scale = size[0] / 320
+    scale = size[0] / WIDTH
     left, top, width, height = (scale * value for value in box)
     assert (found.box.left, found.box.top, found.box.right, found.box.bottom) == pytest.approx(
         (left, top, left + width, top + height)
@@ -185,15 +214,21 @@ def test_the_foot_forest_moves_it_by_shares_of_its_height(settings: RobustSettin
 
 def test_the_cone_forest_decides_the_kind(settings: RobustSettings) -> None:
     for value, kind in ((-0.5, Kind.DUCKIE), (0.5, Kind.CONE)):
-        (found,) = judged(settings, [(100, 150, 20, 20)], **{CONE: value})
+        (found,) = judged(settings, [(100, 130, 20, 20)], **{CONE: value})
         assert found.kind is kind
 
 
 def test_a_radius_is_half_of_what_is_seen_at_the_foot(settings: RobustSettings) -> None:
     view = make_view(CAMERA)
     for x in (0.4, 0.8):
-        (found,) = judged(settings, [box_at(x, 0.0, view)], ahead=0.5, width=math.log2(0.05))
+        (found,) = judged(settings, [box_at(x, 0.0, view)], ahead=0.5, width=0.05)
         assert found.radius == pytest.approx(0.025 * x / 0.5, rel=0.02)
+
+
+def test_a_radius_of_what_is_cut_is_half_of_what_is_seen_where_it_is_cut(settings: RobustSettings) -> None:
+    (found,) = judged(settings, [(100, HEIGHT - 40, 30, 40)], ahead=0.25, width=0.06)
+    assert found.cut
+    assert found.radius == pytest.approx(0.03, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -208,7 +243,7 @@ def test_the_radius_forest_doubles_and_halves_within_limits(
 
 def test_what_stands_above_the_horizon_or_too_far_is_dropped(settings: RobustSettings) -> None:
     view = make_view(CAMERA)
-    horizon = int(np.flatnonzero(view.nearness[:, 160] > 0)[0])
+    horizon = int(np.flatnonzero(view.nearness[:, WIDTH // 2] > 0)[0])
     far = box_at(settings.farthest * 1.2, 0.0, view, height=8.0)
     near = box_at(settings.farthest * 0.8, -0.6, view, height=8.0)
     boxes = [
@@ -216,7 +251,7 @@ def test_what_stands_above_the_horizon_or_too_far_is_dropped(settings: RobustSet
         (60, horizon - 20.0, 20, 20),
         far,
         near,
-        (200, 150, 20, 20),
+        (200, 130, 20, 20),
     ]
     found = judged(settings, boxes, [0.9, 0.9, 0.9, 0.9, 0.8])
     assert set(rows_of(found)) == {3, 4}
@@ -226,7 +261,7 @@ def test_what_stands_above_the_horizon_or_too_far_is_dropped(settings: RobustSet
 
 
 def test_what_is_cut_by_the_lower_edge_says_so_and_ignores_the_foot_forest(settings: RobustSettings) -> None:
-    boxes: List[Any] = [(100, 200, 30, 40), (200, 190, 30, 49)]
+    boxes: List[Any] = [(100, HEIGHT - 40, 30, 40), (200, HEIGHT - 50, 30, 49)]
     plain, moved = (judged(settings, boxes, [0.9, 0.8], **{FOOT: share}) for share in (0.0, -0.25))
     assert [one.cut for one in plain] == [one.cut for one in moved] == [True, False]
     assert plain[0] == moved[0]

@@ -1,15 +1,20 @@
 import functools
+from dataclasses import fields
 
 import cv2
 import numpy as np
 import pytest
 
 from obst_avoid.core.calibration import Calibration, scaled
+from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.robust.lines import (
     LEAST_CROSSINGS,
     LINEAR,
+    MOST_CROSSINGS,
+    Crossings,
     Line,
     LineSampling,
+    curves,
     find_crossings,
     find_lines,
     make_sampling,
@@ -176,3 +181,85 @@ def test_a_picture_gives_the_same_answer_twice():
     picture = drawn.draw(drawn.Scene(), calibration(), drawn.RobotPose(0, 0.02, -0.1))
     one, other = find_lines(picture, sampling(), ROAD), find_lines(picture, make_sampling(calibration()), ROAD)
     assert [(line.a, line.b, line.c) for line in one] == [(line.a, line.b, line.c) for line in other]
+
+
+# Compiled and not
+
+
+def same_numbers(one, other) -> None:
+    """Of two lines, or of all crossings of a picture: within what differs when sums are added in another order."""
+    for field in fields(one):
+        here, there = (np.asarray(getattr(each, field.name), dtype=float) for each in (one, other))
+        assert here.shape == there.shape, field.name
+        np.testing.assert_allclose(here, there, rtol=1e-5, atol=1e-5, err_msg=field.name)
+
+
+def by_both(monkeypatch, find):
+    """What find gives with the compiled path, and without."""
+    if native.LIBRARY is None:
+        pytest.skip('the compiled path is not built')
+    compiled = find()
+    with monkeypatch.context() as without:
+        without.setattr(native, 'LIBRARY', None)
+        return compiled, find()
+
+
+def noisy(picture: Array) -> Array:
+    grain = np.random.RandomState(1).normal(0, 8, picture.shape)
+    return np.clip(picture + grain, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize('size', [(640, 480), (320, 240)], ids='%dx%d'.__mod__)
+@pytest.mark.parametrize('d, phi, stop_line', [(0, 0, 9), (-0.07, -0.35, 9), (0.06, 0.3, 9), (0.01, 0.05, 0.5)])
+def test_numpy_finds_the_same_lines(monkeypatch, d, phi, stop_line, size):
+    camera = scaled(calibration(), *size)
+    made = make_sampling(camera)
+    picture = drawn.draw(drawn.Scene(stop_line=stop_line), camera, drawn.RobotPose(0, d, phi))
+    for seen, color in (
+        (picture, (1, 1, 1)),
+        (noisy(picture), (1, 1, 1)),
+        (light(picture, 0.7, 0.45, 1), (0.7, 0.45, 1)),
+    ):
+        crossings = by_both(monkeypatch, lambda seen=seen, color=color: find_crossings(seen, made, ROAD * color))
+        assert len(crossings[0].x) > 50
+        same_numbers(*crossings)
+        lines = by_both(monkeypatch, lambda seen=seen, color=color: find_lines(seen, made, ROAD * color))
+        assert len(lines[0]) == len(lines[1]) >= 2
+        for one, other in zip(*lines):
+            same_numbers(one, other)
+
+
+def test_numpy_finds_as_much_in_noise(monkeypatch):
+    random = np.random.RandomState(2)
+    count = 0
+    for size in (1, 3, 8, 30, 60):
+        coarse = random.randint(0, 256, (480 // size, 640 // size, 3)).astype(np.uint8)
+        picture = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_NEAREST)
+        crossings = by_both(monkeypatch, lambda seen=picture: find_crossings(seen, sampling(), ROAD))
+        same_numbers(*crossings)
+        count += len(crossings[0].x)
+        lines = by_both(monkeypatch, lambda seen=picture: find_lines(seen, sampling(), ROAD))
+        assert len(lines[0]) == len(lines[1])
+        for one, other in zip(*lines):
+            same_numbers(one, other)
+    assert count > 50
+
+
+@pytest.mark.parametrize('count', [0, 1, LEAST_CROSSINGS - 1, LEAST_CROSSINGS, 30, 64, 65, 128, MOST_CROSSINGS])
+def test_numpy_finds_the_same_curves_among_crossings(monkeypatch, count):
+    """Up to as many as a picture may have; some lie on lines, some anywhere."""
+    found = 0
+    for seed in range(10):
+        random = np.random.RandomState(seed)
+        x = np.sort(random.uniform(0.15, 1.2, count))
+        which = random.randint(0, 1 + seed % 4, count)
+        y = random.uniform(-0.3, 0.3, 4)[which] + random.uniform(-0.5, 0.5, 4)[which] * x
+        y = np.where(random.rand(count) < 0.25, random.uniform(-0.5, 0.5, count), y + random.normal(0, 0.002, count))
+        across = np.column_stack([np.zeros(count), np.full(count, 0.04)])
+        made = Crossings(np.searchsorted(sampling().ahead, x), x, y, across, random.uniform(0.2, 3, (count, 3)))
+        lines = by_both(monkeypatch, lambda made=made: curves(made, sampling().trials))
+        assert len(lines[0]) == len(lines[1])
+        for one, other in zip(*lines):
+            same_numbers(one, other)
+        found += len(lines[0])
+    assert found >= (0 if count < 30 else 10)

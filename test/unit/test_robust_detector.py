@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import fields, replace
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -10,9 +10,13 @@ import pytest
 
 from obst_avoid.core.calibration import Calibration, scaled
 from obst_avoid.core.detection import Detector, detect, start
+from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.robust.detector import RobustState
 from obst_avoid.core.detection.robust.features import NAMES, NO_LINE
-from obst_avoid.core.detection.robust.light import FASTEST
+from obst_avoid.core.detection.robust.lane import lane_of
+from obst_avoid.core.detection.robust.light import FASTEST, estimate_light
+from obst_avoid.core.detection.robust.lines import find_lines
+from obst_avoid.core.detection.robust.view import WIDTH, working_picture
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.types import Box, Command, Obstacle, Scene, Stamped
 from obst_avoid.sim.light import COLORS, Lamp, Light
@@ -153,11 +157,10 @@ def test_on_an_empty_road_there_is_nothing(
 
 def test_hardly_anything_on_an_empty_road_is_a_candidate(detector: Detector, camera: Camera) -> None:
     """Weak ones are for the tracker; each of them is a track for a while."""
-    traced: Dict[str, Any] = {}
     for seed in range(3):
-        detect(detector, camera.take((), 0.7 + 0.4 * seed, seed=seed)[0], None, trace=traced.__setitem__)
-        assert len(traced['regions']) > 100
-        assert len(traced['candidates']) <= 6
+        stages = traced(detector, camera.take((), 0.7 + 0.4 * seed, seed=seed)[0])
+        assert len(stages['regions']) > 100
+        assert len(stages['candidates']) <= 6
 
 
 @pytest.mark.parametrize('along', [0.9, 1.2, 1.4, 1.6])
@@ -253,7 +256,7 @@ def test_a_picture_of_another_size_shows_the_same(detector: Detector, camera: Ca
     resized = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if size[0] < 640 else cv2.INTER_LINEAR)
     scene, after = detect(detector, resized, None)
     assert after.camera is not None
-    assert after.camera.scale == size[0] / 320
+    assert after.camera.scale == size[0] / WIDTH
     factor = 640 / size[0]
     boxes = [one.image_box for one in scene.obstacles]
     scaled = [
@@ -264,25 +267,96 @@ def test_a_picture_of_another_size_shows_the_same(detector: Detector, camera: Ca
     same_things(replace(scene, obstacles=scaled), truth)
 
 
+STAGES = [
+    'light', 'channels', 'regions', 'promising', 'lines', 'values', 'candidates', 'lane', 'obstacles',
+]  # fmt: skip
+
+
+def traced(detector: Detector, picture: Any, stamp: Optional[int] = None) -> Dict[str, Any]:
+    """What each stage gives, by its name."""
+    stages: Dict[str, Any] = {}
+    detect(detector, picture, stamp, trace=stages.__setitem__)
+    return stages
+
+
 def test_the_stages_are_traced_in_order(detector: Detector, camera: Camera) -> None:
-    stages: List[str] = []
     picture, _ = camera.take((standing('duckie', 0.45, 0.05),))
-    scene, _ = detect(detector, picture, None, trace=lambda name, _: stages.append(name))
-    assert stages == ['light', 'regions', 'values', 'candidates', 'lane', 'obstacles']
-    traced: Dict[str, Any] = {}
-    detect(detector, picture, None, trace=traced.__setitem__)
-    assert traced['obstacles'] == scene.obstacles
-    assert len(traced['values']) == len(traced['regions'])
+    names: List[str] = []
+    for stamp in (None, 0):
+        scene, _ = detect(detector, picture, stamp, trace=lambda name, _: names.append(name))
+        assert traced(detector, picture, stamp)['obstacles'] == scene.obstacles
+    assert names == 2 * STAGES
+
+
+def test_each_stage_is_of_the_same_picture(detector: Detector, camera: Camera) -> None:
+    picture, _ = camera.take((standing('duckie', 0.45, 0.05), standing('cone', 0.6, -0.25)))
+    stages, view = traced(detector, picture), detector.camera
+    assert view is not None
+    assert stages['light'] == estimate_light(picture)
+    small, channels = stages['channels']
+    np.testing.assert_array_equal(small, working_picture(picture, view))
+    assert channels.heights.shape[1:] == (view.height - view.top, view.width)
+    lines = find_lines(picture, view.sampling, stages['light'].as_array())
+    numbers = [[(line.a, line.b, line.c, line.brightness) for line in some] for some in (stages['lines'], lines)]
+    assert numbers[0] == numbers[1]
+    assert len(lines) >= 2
+    assert stages['lane'].pose == lane_of(lines).pose == detect(detector, picture, None)[0].lane_pose
+
+
+def test_only_promising_regions_are_measured_whole(detector: Detector, camera: Camera) -> None:
+    """Most of them are not, and candidates are some of them."""
+    picture, _ = camera.take((standing('duckie', 0.45, 0.05), standing('cone', 0.6, -0.25)))
+    weak = replace(detector.settings.robust, confidence=1e-6, weak_confidence=1e-6)
+    trusting = replace(detector, settings=replace(detector.settings, robust=weak))
+    stages = traced(trusting, picture)
+    regions, promising, values = stages['regions'], stages['promising'], stages['values']
+    assert 0 < len(promising) < len(regions) / 2
+    assert (np.diff(promising) > 0).all()
+    assert 0 <= promising[0] and promising[-1] < len(regions)
+    assert values.shape == (len(promising), len(NAMES))
+    box = regions.box[promising]
+    np.testing.assert_array_equal(values[:, NAMES.index('pixels_across')], box[:, 2])
+    np.testing.assert_array_equal(values[:, NAMES.index('pixels_up')], box[:, 3])
+    assert stages['candidates']
+    for one in stages['candidates']:
+        left, top, width, height = trusting.camera.scale * box[one.row]
+        assert one.box == Box(*map(pytest.approx, (left, top, left + width, top + height)))
 
 
 def test_regions_are_measured_against_the_lines_of_the_same_picture(detector: Detector, camera: Camera) -> None:
-    traced: Dict[str, Any] = {}
-    detect(detector, camera.take((standing('duckie', 0.45, 0.05),))[0], None, trace=traced.__setitem__)
-    lines, _ = traced['lane']
-    width, blue = (traced['values'][:, NAMES.index(name)] for name in ('line_width', 'line_blue'))
-    shown = np.float32([(line.width, line.blueness) for line in lines])
+    stages = traced(detector, camera.take((standing('duckie', 0.45, 0.05),))[0])
+    width, blue = (stages['values'][:, NAMES.index(name)] for name in ('line_width', 'line_blue'))
+    shown = np.float32([(line.width, line.blueness) for line in stages['lines']])
     assert set(zip(width, blue)) <= {tuple(one) for one in shown} | {(NO_LINE, NO_LINE)}
     assert len(set(width) - {NO_LINE}) >= 2
+
+
+def test_without_the_compiled_path_the_same_is_found(
+    detector: Detector, camera: Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if native.LIBRARY is None:
+        pytest.skip('the compiled path is not built')
+    pictures = [camera.take((standing('duckie', 0.45, 0.05), standing('cone', 0.6, -0.25)), d=0.02, phi=0.05)[0]]
+    pictures += [brighter(pictures[0], 0.2), camera.take((), 1.3, 0.04, 0.2)[0]]
+    weak = replace(detector.settings.robust, confidence=1e-3, weak_confidence=1e-3)
+    trusting = replace(detector, settings=replace(detector.settings, robust=weak))
+    compiled = [traced(trusting, picture) for picture in pictures]
+    monkeypatch.setattr(native, 'LIBRARY', None)
+    count = 0
+    for picture, wanted in zip(pictures, compiled):
+        found = traced(trusting, picture)
+        assert len(found['regions']) == len(wanted['regions'])
+        boxes = [sorted(map(tuple, stages['regions'].box[stages['promising']])) for stages in (found, wanted)]
+        assert boxes[0] == boxes[1]
+        assert len(found['obstacles']) == len(wanted['obstacles'])
+        for one, other in zip(found['obstacles'], wanted['obstacles']):
+            assert (one.kind, one.in_lane, one.image_box) == (other.kind, other.in_lane, other.image_box)
+            numbers = [(each.x, each.y, each.radius, each.confidence) for each in (one, other)]
+            assert numbers[0] == pytest.approx(numbers[1], abs=1e-3)
+        poses = [(stages['lane'].pose.d, stages['lane'].pose.phi) for stages in (found, wanted)]
+        assert poses[0] == pytest.approx(poses[1], abs=1e-4)
+        count += len(wanted['obstacles'])
+    assert count > 2
 
 
 def test_the_surest_comes_first(detector: Detector, camera: Camera) -> None:

@@ -15,10 +15,10 @@ from obst_avoid.core.detection.robust.light import (
     LAST_ROW,
     LINEAR,
     LONGEST,
+    ROWS,
     Light,
     estimate_light,
     followed,
-    relative,
 )
 from unit import drawn
 from unit.scenes import cone, duckie, picture_of
@@ -52,11 +52,9 @@ def test_a_flat_picture_gives_its_own_colour(color: Tuple[int, int, int]) -> Non
 
 
 def test_darkness_is_limited_so_that_ratios_stay_finite() -> None:
-    light = estimate_light(flat((0, 0, 0)))
-    assert light.road == pytest.approx([DARKEST**2.2] * 3)
-    seen = relative(flat((0, 0, 0)), light)
-    assert np.isfinite(seen).all()
-    assert 0 < seen.max() < 1
+    assert estimate_light(flat((0, 0, 0))).road == pytest.approx([DARKEST**2.2] * 3)
+    assert estimate_light(flat((0, 60, 0))).road == pytest.approx([DARKEST**2.2, LINEAR[60], DARKEST**2.2])
+    assert 0 < LINEAR[0] / DARKEST**2.2 < 1
 
 
 @pytest.mark.parametrize('size', [(24, 32), (240, 320), (480, 640), (960, 1280)], ids='%dx%d'.__mod__)
@@ -76,11 +74,13 @@ def test_the_drawn_roads_asphalt_is_found_with_things_on_it(calibration: Calibra
 
 
 def test_only_the_roads_rows_count() -> None:
-    picture = flat(ASPHALT)
+    picture = np.random.RandomState(0).randint(0, 256, (480, 640, 3)).astype(np.uint8)
     expected = estimate_light(picture)
     picture[: int(FIRST_ROW * 480)] = 255
     picture[int(LAST_ROW * 480) + 1 :] = 255
     assert estimate_light(picture) == expected
+    picture[int(FIRST_ROW * 480) : int(LAST_ROW * 480) + 1] = 255
+    assert estimate_light(picture) != expected
 
 
 def test_what_is_darker_and_brighter_than_the_percentiles_does_not_count() -> None:
@@ -100,20 +100,10 @@ def test_ratios_do_not_depend_on_the_lights_colour_and_strength(gains: Tuple[flo
         patch = slice(200 * index - 200, 200 * index - 100) if index else slice(None)
         values = np.rint(256 * (color * gains) ** (1 / 2.2) - 1)
         picture[:, patch] = np.clip(values, 0, 255)
-    seen = relative(picture, estimate_light(picture))
-    assert seen.dtype == np.float32
+    seen = LINEAR[picture] / estimate_light(picture).as_array()
     for index, ratio in enumerate(expected):
         column = 200 * index - 150 if index else 620
         np.testing.assert_allclose(seen[300, column], ratio, rtol=0.12)  # pixel values are whole
-
-
-def test_the_table_is_what_relative_does() -> None:
-    light = Light((0.05, 0.06, 0.04))
-    table = light.table()
-    assert table.shape == (1, 256, 3)
-    assert table.dtype == np.float32
-    picture = np.random.RandomState(0).randint(0, 256, (20, 30, 3)).astype(np.uint8)
-    np.testing.assert_allclose(relative(picture, light), LINEAR[picture] / light.as_array(), rtol=1e-5)
 
 
 def test_without_a_picture_before_the_light_is_what_is_seen() -> None:
@@ -148,17 +138,47 @@ def test_after_a_long_gap_the_light_before_says_nothing(seconds: float) -> None:
         assert followed(before, seen, seconds) == seen
 
 
-@pytest.mark.parametrize('size', [(4, 3), (8, 6), (12, 9), (20, 15)], ids='%dx%d'.__mod__)
+@pytest.mark.parametrize('size', [(1, 1), (2, 1), (1, 2), (4, 3), (8, 6), (12, 9), (20, 15)], ids='%dx%d'.__mod__)
 def test_a_picture_of_a_few_pixels_has_a_light_too(size: Tuple[int, int]) -> None:
-    picture = np.random.RandomState(1).randint(0, 256, (size[1], size[0], 3)).astype(np.uint8)
-    assert np.isfinite(estimate_light(picture).as_array()).all()
+    picture = np.random.RandomState(1).randint(30, 256, (size[1], size[0], 3)).astype(np.uint8)
+    for channel, value in enumerate(estimate_light(picture).road):
+        assert value in LINEAR[picture[..., channel]], 'one of its own'
 
 
-def test_the_light_is_the_median_between_the_percentiles() -> None:
-    """Asphalt that fades, written down anew."""
-    picture = np.zeros((480, 640, 3), np.uint8)
-    picture[...] = np.linspace(20, 250, 640).astype(np.uint8)[None, :, None]
-    values = np.sort(picture[300, ::6, 0])
-    low, high = np.percentile(LINEAR[values], (DARKER, BRIGHTER))
-    between = [value for value in values if low <= LINEAR[value] <= high]
-    assert level(estimate_light(picture).road[1]) == pytest.approx(float(np.median(between)), abs=3)
+@pytest.mark.parametrize('times', [2, 4, 8, 16])
+def test_a_larger_picture_of_the_same_has_the_same_light(times: int) -> None:
+    picture = np.random.RandomState(times).randint(0, 256, (ROWS, 80, 3)).astype(np.uint8)
+    larger = picture.repeat(times, axis=0).repeat(times, axis=1)
+    assert estimate_light(larger) == estimate_light(picture)
+
+
+def test_few_pixels_of_a_large_picture_are_looked_at() -> None:
+    """Of 480 rows ROWS, and as many columns: a light costs little."""
+    picture = np.random.RandomState(0).randint(0, 256, (480, 640, 3)).astype(np.uint8)
+    few = np.full_like(picture, 255)
+    every = 480 // ROWS
+    few[::every, ::every] = picture[::every, ::every]
+    assert estimate_light(few) == estimate_light(picture)
+    few[::every, ::every] = 255
+    assert estimate_light(few) != estimate_light(picture)
+
+
+def wanted(picture: np.ndarray) -> np.ndarray:
+    """(3,) pixel values, written down anew: the median of what lies between the percentiles of brightness."""
+    height = len(picture)
+    part = picture[int(FIRST_ROW * height) : int(LAST_ROW * height) + 1].reshape(-1, 3)
+    brightness = LINEAR[part].sum(axis=1)
+    low, high = np.percentile(brightness, (DARKER, BRIGHTER))
+    median: np.ndarray = np.median(part[(brightness >= low) & (brightness <= high)], axis=0)
+    return median
+
+
+def test_the_light_is_the_median_between_the_percentiles(calibration: Calibration) -> None:
+    """Of asphalt that fades, blotches of all colours, and the drawn road; not each pixel is looked at."""
+    fading = np.zeros((480, 640, 3), np.uint8)
+    fading[...] = np.linspace(20, 250, 640).astype(np.uint8)[None, :, None]
+    noise = np.random.RandomState(3).randint(0, 256, (480, 640, 3)).astype(np.uint8)
+    drawn_road = picture_of(calibration, (duckie(0.3, 0.0), cone(0.4, -0.1)))
+    for picture, within in ((fading, 4), (noise, 6), (drawn_road, 1)):
+        found = [level(value) for value in estimate_light(picture).road]
+        assert found == pytest.approx(list(wanted(picture)), abs=within)

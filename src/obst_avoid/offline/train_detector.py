@@ -1,6 +1,7 @@
 """train_detector: grow the trees of the profile robust from labelled pictures."""
 
 import argparse
+import functools
 import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -9,6 +10,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import cv2
 import numpy as np
 
+from obst_avoid.core.detection.robust.trees import Forest
 from obst_avoid.core.picture import PictureError
 from obst_avoid.core.settings import read_yaml
 from obst_avoid.offline import tool
@@ -42,18 +44,25 @@ def _main(options: argparse.Namespace) -> int:
         for picture, annotations in read_labels(dataset):
             if not any(text in str(picture.get('split_block', '')) for text in options.hold_out):
                 work += [(dataset, picture, annotations, copy) for copy in range(dataset.copies)]
+    threads = os.cpu_count() or 1
     with ProcessPoolExecutor(options.jobs, get_context('spawn'), _start) as workers:
-        results = workers.map(_samples, work, chunksize=8)
-        samples = [item for item in tool.progress(results, 'measuring', len(work)) if item is not None]
-    true = sum(int(fit.things(item).sum()) for item in samples)
-    if not true:
-        raise tool.ToolError('%s: no region of any picture is a labelled thing' % options.datasets)
+        looked = _measured(workers, work, None, 'looking')
+        if not any(fit.things(item).any() for item in looked):
+            raise tool.ToolError('%s: no region of any picture is a labelled thing' % options.datasets)
+        first = fit.first_of(looked, threads)
+        samples = _measured(workers, work, first, 'measuring')
     if not any(np.isfinite(item.radius[fit.things(item)]).any() for item in samples):
         raise tool.ToolError('%s: no label has x, y and radius, expected a rendered data set' % options.datasets)
-    fit.write(fit.grown(samples, os.cpu_count() or 1), options.output)
+    fit.write(dict(fit.grown(samples, threads), first=first), options.output)
     print(
-        '%d pictures, %d regions, %d of them things: %s'
-        % (len(samples), sum(len(s.box) for s in samples), true, options.output)
+        '%d pictures, %d regions, %d of them promising, %d of these things: %s'
+        % (
+            len(looked),
+            sum(len(item.box) for item in looked),
+            sum(len(item.box) for item in samples),
+            sum(int(fit.things(item).sum()) for item in samples),
+            options.output,
+        )
     )
     return 0
 
@@ -73,8 +82,13 @@ def _start() -> None:
     cv2.setNumThreads(1)
 
 
-def _samples(work: Work) -> Optional[Samples]:
+def _measured(workers: Any, work: List[Work], first: Optional[Forest], name: str) -> List[Samples]:
+    results = workers.map(functools.partial(_samples, first=first), work, chunksize=8)
+    return [item for item in tool.progress(results, name, len(work)) if item is not None]
+
+
+def _samples(work: Work, first: Optional[Forest]) -> Optional[Samples]:
     try:
-        return samples_of(*work)
+        return samples_of(*work, first)
     except PictureError as error:
         raise tool.ToolError(str(error)) from error

@@ -8,8 +8,10 @@ import numpy as np
 from obst_avoid.core.bird_view import BirdView, bird_from_ground, crop, warp
 from obst_avoid.core.detection.paper.detector import search_line
 from obst_avoid.core.detection.paper.shape import Blob
+from obst_avoid.core.detection.robust.channels import WIDE, YELLOW
 from obst_avoid.core.detection.robust.judgement import Candidate
 from obst_avoid.core.detection.robust.lane import Lane
+from obst_avoid.core.detection.robust.light import LINEAR
 from obst_avoid.core.detection.robust.lines import Line
 from obst_avoid.core.detection.robust.view import View
 from obst_avoid.core.types import Array, Kind
@@ -44,21 +46,22 @@ def paper_steps(picture: Array, stages: Mapping[str, Any], view: BirdView) -> Li
 
 def robust_steps(picture: Array, stages: Mapping[str, Any], view: BirdView, camera: View) -> List[Tuple[str, Array]]:
     """(name, picture) of each step in order. picture: as the camera gave it. stages: by name, as traced."""
-    _, seen = stages['light']
-    regions, (lines, lane) = stages['regions'], stages['lane']
+    (small, channels), regions = stages['channels'], stages['regions']
+    seen = LINEAR[small] / stages['light'].as_array()
     toned = np.clip(255 * (seen / 4) ** (1 / 2.2), 0, 255).astype(np.uint8)
     bird = warp(crop(picture, view), view)
     return [
         ('1 picture', picture),
         ('2 light relative to the asphalt', toned),
-        ('3 levels of yellow', _levels(regions.yellow, camera)),
-        ('4 levels of yellow, paint cut off', _levels(regions.wide, camera)),
+        ('3 levels of yellow', _levels(channels.heights[YELLOW], camera)),
+        ('4 levels of yellow, paint cut off', _levels(channels.heights[WIDE], camera)),
         ('5 regions at all levels', _draw_regions(toned, regions.box)),
-        ('6 candidates', _draw_candidates(picture, stages['candidates'])),
-        ('7 lines of tape', _draw_lines(bird, view, lines, None)),
-        ('8 our lane', _draw_lines(bird, view, lines, lane)),
-        ('9 obstacles', draw_on_bird_view(bird, stages['obstacles'])),
-        ('10 result', draw_on_picture(picture, stages['obstacles'], view)),
+        ('6 promising regions', _draw_regions(toned, regions.box[stages['promising']])),
+        ('7 lines of tape', _draw_lines(bird, view, stages['lines'], None)),
+        ('8 candidates', _draw_candidates(picture, stages['candidates'])),
+        ('9 our lane', _draw_lines(bird, view, stages['lines'], stages['lane'])),
+        ('10 obstacles', draw_on_bird_view(bird, stages['obstacles'])),
+        ('11 result', draw_on_picture(picture, stages['obstacles'], view)),
     ]
 
 

@@ -2,22 +2,20 @@
 
 import json
 from dataclasses import replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 import xgboost
 
 from obst_avoid.core.detection.robust.features import NAMES
-from obst_avoid.core.detection.robust.trees import STAGES, Forest, summed
+from obst_avoid.core.detection.robust.trees import FORESTS, NODE, Forest, depths, summed
 from obst_avoid.core.types import Array
 from obst_avoid.offline.training.samples import Samples
 
 SAME, OTHER = 0.55, 0.3
 """[intersection over union] from which a region is the thing, and below which it is a wrong box of it."""
-SHARE, HARD = 0.1, -3.0
-"""Share of what is no thing that a first forest sees; what it does not put below HARD, the second one sees."""
-TREES, FIRST_TREES, FEW_TREES = 450, 60, 60
-"""Of the judgement, of the search for hard regions, and of the other forests."""
+TREES, FIRST_TREES, FEW_TREES = 450, 100, 60
+"""Of the judgement, of the first look at all regions, and of the other forests."""
 FEW: Dict[str, Any] = {
     'tree_method': 'hist',
     'grow_policy': 'lossguide',
@@ -31,35 +29,41 @@ FEW: Dict[str, Any] = {
     'colsample_bytree': 0.25,
     'seed': 1,
 }
+FIRST = {'max_leaves': 24, 'eta': 0.2, 'colsample_bytree': 0.5}
 GROWING = {'max_leaves': 24, 'eta': 0.075}
-"""What differs for the judgement."""
+"""What differs for the first look and for the judgement."""
+FIRST_STAGES, STAGES = (4, 8, 15, 30, 60, 100), (15, 40, 100, 200)
+"""Trees after which hopeless regions are dropped."""
 SAFE = 0.005
 """Share of the regions of true things that each stage may drop: a thing has several."""
 
 
-def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
-    """The forests thing, cone, foot and radius."""
-    random = np.random.RandomState(0)
+def first_of(samples: Sequence[Samples], threads: int) -> Forest:
+    """The forest that looks at all regions first. samples: of all regions, what is measured on all."""
     true = [things(item) for item in samples]
-    wrong = [~same & ~item.ignored & (~item.touches | (item.overlap < OTHER)) for item, same in zip(samples, true)]
-    sampled = [other & (random.rand(len(other)) < SHARE) for other in wrong]
-    first = [same | some for same, some in zip(true, sampled)]
-    quick = _boosted('binary:logistic', _of(samples, 'values', first), _rows(true, first), None, FIRST_TREES, threads)
-    hard = [other & (_predicted(quick, item.values) > HARD) for item, other in zip(samples, wrong)]
-    used = [same | some | other for same, some, other in zip(true, sampled, hard)]
+    used = [same | other for same, other in zip(true, _others(samples, true))]
     values, thing = _of(samples, 'values', used), _rows(true, used)
-    weight = np.where(thing | _rows(hard, used), 1.0, 1 / SHARE)
-    judgement = forest_of(_boosted('binary:logistic', values, thing, weight, TREES, threads, **GROWING))
+    return _staged(
+        _boosted('binary:logistic', values, thing, FIRST_TREES, threads, **FIRST), values[thing], FIRST_STAGES
+    )
+
+
+def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
+    """The forests thing, cone, foot and radius. samples: of what the first forest leaves, everything."""
+    true = [things(item) for item in samples]
+    used = [same | other for same, other in zip(true, _others(samples, true))]
+    values, thing = _of(samples, 'values', used), _rows(true, used)
+    judgement = _boosted('binary:logistic', values, thing, TREES, threads, **GROWING)
     values = values[thing]
     cone, foot, radius = (_of(samples, name, true) for name in ('cone', 'foot', 'radius'))
 
     def regressed(target: Array, most: float) -> Forest:
         known = np.abs(target) < most  # not NaN either
-        return forest_of(_boosted('reg:squarederror', values[known], target[known], None, FEW_TREES, threads))
+        return _staged(_boosted('reg:squarederror', values[known], target[known], FEW_TREES, threads))
 
     return {
-        'thing': replace(judgement, hopeless=hopeless(judgement, values)),
-        'cone': forest_of(_boosted('binary:logistic', values, cone, None, FEW_TREES, threads)),
+        'thing': _staged(judgement, values, STAGES),
+        'cone': _staged(_boosted('binary:logistic', values, cone, FEW_TREES, threads)),
         'foot': regressed(foot, 0.5),
         'radius': regressed(radius, 2.0),
     }
@@ -71,6 +75,11 @@ def things(item: Samples) -> Array:
     return chosen
 
 
+def _others(samples: Sequence[Samples], true: Sequence[Array]) -> List[Array]:
+    """Which regions teach what is no thing."""
+    return [~same & ~item.ignored & (~item.touches | (item.overlap < OTHER)) for item, same in zip(samples, true)]
+
+
 def _of(samples: Sequence[Samples], name: str, chosen: Sequence[Array]) -> Array:
     """The chosen rows of all samples' arrays of that name."""
     return np.concatenate([getattr(item, name)[rows] for item, rows in zip(samples, chosen)])
@@ -80,37 +89,35 @@ def _rows(flags: Sequence[Array], chosen: Sequence[Array]) -> Array:
     return np.concatenate([item[rows] for item, rows in zip(flags, chosen)])
 
 
-def hopeless(forest: Forest, values: Array) -> Tuple[float, ...]:
-    """What nearly all rows of true things have reached after each of STAGES."""
+def _staged(booster: 'xgboost.Booster', things: Optional[Array] = None, stages: Sequence[int] = ()) -> Forest:
+    """A forest that drops, after each of these stages, what nearly all rows of true things have passed."""
+    forest = forest_of(booster)
     limits = []
-    for stage in STAGES:
-        parts = (forest.feature, forest.threshold, forest.left, forest.right, forest.value)
-        first = Forest(*(part[:stage] for part in parts), forest.base, forest.depth)
-        sums = [summed(first, some) for some in np.array_split(values, max(1, len(values) // 2000))]
-        limits.append(float(np.quantile(np.concatenate(sums), SAFE)))
-    return tuple(limits)
+    for stage in stages if things is not None else ():
+        part = replace(forest, nodes=np.ascontiguousarray(forest.nodes[:stage]))
+        limits.append(float(np.quantile(summed(part, things), SAFE)))
+    return replace(forest, stages=np.array(stages, dtype=np.int32), hopeless=np.array(limits, dtype=np.float32))
 
 
 def forest_of(booster: 'xgboost.Booster') -> Forest:
-    """XGBoost's trees as arrays. Its leaves hold values, its inner nodes send smaller values to the left."""
+    """XGBoost's trees as an array. Its leaves hold values, its inner nodes send smaller values to the left."""
     dumped = [_nodes(json.loads(tree)) for tree in booster.get_dump(dump_format='json')]
-    trees, most = len(dumped), 1 + max(node['nodeid'] for nodes in dumped for node in nodes)
-    feature = np.zeros((trees, most), dtype=np.int16)
-    threshold = np.zeros((trees, most), dtype=np.float32)
-    left = np.tile(np.arange(most, dtype=np.int16), (trees, 1))
-    right, value = left.copy(), np.zeros((trees, most), dtype=np.float32)
-    for tree, nodes in enumerate(dumped):
-        for node in nodes:
+    nodes = np.zeros((len(dumped), 1 + max(node['nodeid'] for tree in dumped for node in tree)), dtype=NODE)
+    nodes['left'] = nodes['right'] = np.arange(nodes.shape[1])
+    for tree, branches in enumerate(dumped):
+        for node in branches:
             at = tree, node['nodeid']
             if 'leaf' in node:
-                value[at] = node['leaf']
+                nodes['value'][at] = node['leaf']
                 continue
-            feature[at], threshold[at] = int(node['split'][1:]), node['split_condition']
-            left[at], right[at] = node['yes'], node['no']
-    base = float(booster.predict(xgboost.DMatrix(np.zeros((1, len(NAMES)), np.float32)), output_margin=True)[0])
-    forest = Forest(feature, threshold, left, right, value, 0.0, _depth(left, right))
-    base -= float(summed(forest, np.zeros((1, len(NAMES)), np.float32))[0])
-    return Forest(feature, threshold, left, right, value, base, forest.depth)
+            nodes['feature'][at], nodes['value'][at] = int(node['split'][1:]), node['split_condition']
+            nodes['left'][at], nodes['right'][at] = node['yes'], node['no']
+    nothing = np.zeros((1, booster.num_features()), np.float32)
+    base = float(booster.predict(xgboost.DMatrix(nothing), output_margin=True)[0])
+    none = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.float32)
+    nodes['depth'][:, 0] = depths(nodes)
+    forest = Forest(nodes, 0.0, *none)
+    return replace(forest, base=base - float(summed(forest, nothing)[0]))
 
 
 def _nodes(tree: Dict[str, Any]) -> List[Dict[str, Any]]:
@@ -121,42 +128,16 @@ def _nodes(tree: Dict[str, Any]) -> List[Dict[str, Any]]:
 def write(forests: Dict[str, Forest], path: str) -> None:
     """As trees.shipped reads it."""
     arrays: Dict[str, Any] = {'names': np.array(NAMES)}
-    for name, forest in forests.items():
-        for part in ('feature', 'threshold', 'left', 'right', 'value'):
-            kind = np.int16 if part in ('feature', 'left', 'right') else np.float32
-            arrays['%s_%s' % (name, part)] = getattr(forest, part).astype(kind)
-        arrays[name + '_base'] = np.array([forest.base, forest.depth])
-        arrays[name + '_hopeless'] = np.array(forest.hopeless, dtype=np.float64)
+    for name in FORESTS:
+        forest = forests[name]
+        arrays[name + '_nodes'] = forest.nodes
+        arrays[name + '_base'] = np.array(forest.base)
+        arrays[name + '_stages'], arrays[name + '_hopeless'] = forest.stages, forest.hopeless
     np.savez_compressed(path, **arrays)
 
 
 def _boosted(
-    objective: str,
-    values: Array,
-    target: Array,
-    weight: Optional[Array],
-    trees: int,
-    threads: int,
-    **changes: Any,
+    objective: str, values: Array, target: Array, trees: int, threads: int, **changes: Any
 ) -> 'xgboost.Booster':
-    data = xgboost.DMatrix(values, target.astype(np.float32), weight=weight)
+    data = xgboost.DMatrix(values, target.astype(np.float32))
     return xgboost.train({**FEW, 'objective': objective, 'nthread': threads, **changes}, data, trees)
-
-
-def _predicted(booster: 'xgboost.Booster', values: Array) -> Array:
-    return booster.predict(xgboost.DMatrix(values), output_margin=True)
-
-
-def _depth(left: Array, right: Array) -> int:
-    """Steps until every tree's way has ended in a leaf."""
-    reached = np.zeros(left.shape, dtype=np.int64)
-    depth = np.zeros(left.shape, dtype=np.int64)
-    reached[:, 0] = 1
-    trees = np.arange(len(left))
-    for node in range(left.shape[1]):
-        inner = (left[:, node] != node) & (reached[:, node] == 1)
-        for side in (left, right):
-            child = side[:, node]
-            depth[trees[inner], child[inner]] = depth[trees[inner], node] + 1
-            reached[trees[inner], child[inner]] = 1
-    return int(depth.max())

@@ -11,10 +11,12 @@ import cv2
 import numpy as np
 
 from obst_avoid.core.calibration import Calibration, find_calibration, scaled
-from obst_avoid.core.detection.robust.features import NAMES, measure
-from obst_avoid.core.detection.robust.light import LINEAR, estimate_light, relative
+from obst_avoid.core.detection.robust.channels import channels_of
+from obst_avoid.core.detection.robust.features import NAMES, measure, measure_all
+from obst_avoid.core.detection.robust.light import LINEAR, estimate_light
 from obst_avoid.core.detection.robust.lines import find_lines
 from obst_avoid.core.detection.robust.regions import find_regions
+from obst_avoid.core.detection.robust.trees import Forest, summed
 from obst_avoid.core.detection.robust.view import View, make_view, working_picture
 from obst_avoid.core.geometry import image_from_rectified, pixel_from_ground
 from obst_avoid.core.types import Array
@@ -63,9 +65,9 @@ class Thing:
 class Samples:
     """N regions of one picture.
 
-    values: (N, F) float32. overlap: (N,) intersection over union with the thing most alike. touches: (N,) bool, lies on
-    a labelled thing somehow. ignored: (N,) bool. cone: (N,) bool. foot, radius: (N,) targets of the forests of these
-    names, NaN where not known. box: (N, 4) [px].
+    values: (N, F) float32, of measure_all or of measure. overlap: (N,) intersection over union with the thing most
+    alike. touches: (N,) bool, lies on a labelled thing somehow. ignored: (N,) bool. cone: (N,) bool. foot, radius: (N,)
+    targets of the forests of these names, NaN where not known. box: (N, 4) [px].
     """
 
     group: str
@@ -117,11 +119,16 @@ def read_labels(dataset: Dataset) -> List[Tuple[Dict[str, Any], List[Dict[str, A
 
 
 def samples_of(
-    dataset: Dataset, picture: Dict[str, Any], annotations: Sequence[Dict[str, Any]], copy: int
+    dataset: Dataset,
+    picture: Dict[str, Any],
+    annotations: Sequence[Dict[str, Any]],
+    copy: int,
+    first: Optional[Forest] = None,
 ) -> Optional[Samples]:
     """The samples of one picture; copy > 0: in another light and through another camera, the same ones each time.
 
-    None when nothing in it is a region.
+    first: only the regions that this forest leaves, and everything of them; without it all, and what is measured on
+    all. None when there are none.
     """
     calibration = _calibration(dataset, int(picture['width']), int(picture['height']))
     pixels = read_picture(os.path.join(dataset.pictures, picture['file_name']))
@@ -131,13 +138,17 @@ def samples_of(
         pixels, things, ignored = _through_another_camera(pixels, things, ignored, random)
         pixels = _in_another_light(pixels, random)
     view = _view(dataset, calibration)
-    asphalt = estimate_light(pixels)
-    light = relative(working_picture(pixels, view), asphalt)
-    regions = find_regions(light, view)
-    if not len(regions):
-        return None
-    values = measure(regions, light, view, find_lines(pixels, view.sampling, asphalt.as_array()))
+    light = estimate_light(pixels)
+    channels = channels_of(working_picture(pixels, view), light, view)
+    regions = find_regions(channels, view)
+    values = measure_all(regions, channels, view)
     box = regions.box * view.scale
+    if first is not None:
+        chosen = np.flatnonzero(summed(first, values) > -np.inf)
+        lines = find_lines(pixels, view.sampling, light.as_array())
+        values, box = measure(regions, chosen, values, channels, view, lines), box[chosen]
+    if not len(values):
+        return None
     overlap, which, touches = _compared(box, np.array([item.box for item in things]).reshape(-1, 4))
     _, _, on_ignored = _compared(box, np.array(ignored).reshape(-1, 4))
     if not _complete(picture):
@@ -230,7 +241,7 @@ def _targets(box: Array, which: Array, things: Sequence[Thing], values: Array) -
         if thing.place is not None:  # boxes drawn by hand end somewhere near the foot
             row, x, size = thing.place
             foot[index] = (row - box[index, 1] - box[index, 3]) / box[index, 3]
-            seen = 2.0 ** values[index, NAMES.index('width')] / 2
+            seen = values[index, NAMES.index('width')] / 2
             if not values[index, NAMES.index('cut_low')]:
                 seen *= x / values[index, NAMES.index('ahead')]
             radius[index] = math.log2(size / max(seen, 1e-3))

@@ -6,15 +6,16 @@ from typing import List, Optional, Sequence, Tuple
 
 from obst_avoid.core.age import age
 from obst_avoid.core.bird_view import BirdView, footprint_box
-from obst_avoid.core.detection.robust.features import measure
-from obst_avoid.core.detection.robust.judgement import Candidate, judge
+from obst_avoid.core.detection.robust.channels import channels_of
+from obst_avoid.core.detection.robust.features import measure, measure_all
+from obst_avoid.core.detection.robust.judgement import Candidate, judge, promising
 from obst_avoid.core.detection.robust.lane import Lane, Side, lane_of, side_of
-from obst_avoid.core.detection.robust.light import Light, estimate_light, followed, relative
+from obst_avoid.core.detection.robust.light import Light, estimate_light, followed
 from obst_avoid.core.detection.robust.lines import find_lines
 from obst_avoid.core.detection.robust.regions import find_regions
 from obst_avoid.core.detection.robust.settings import RobustSettings
 from obst_avoid.core.detection.robust.tracking import Sighting, Track, confirmed, track
-from obst_avoid.core.detection.robust.view import View, in_view, working_picture
+from obst_avoid.core.detection.robust.view import View, shown, working_picture
 from obst_avoid.core.motion import motion_between
 from obst_avoid.core.types import Array, Command, Obstacle, Scene, Stamped, Trace, no_trace
 
@@ -45,17 +46,23 @@ def detect(
     stands alone: there is no tracker, and what one picture makes sure of is reported. commands: the robot's motion.
     """
     light = _light(picture, state.light, stamp)
-    seen = relative(working_picture(picture, view), light)
-    trace('light', (light, seen))
-    regions = find_regions(seen, view)
+    trace('light', light)
+    small = working_picture(picture, view)
+    channels = channels_of(small, light, view)
+    trace('channels', (small, channels))
+    regions = find_regions(channels, view)
     trace('regions', regions)
+    quick = measure_all(regions, channels, view)
+    chosen = promising(quick)
+    trace('promising', chosen)
     lines = find_lines(picture, view.sampling, light.as_array())
-    values = measure(regions, seen, view, lines)
+    trace('lines', lines)
+    values = measure(regions, chosen, quick, channels, view, lines)
     trace('values', values)
-    candidates = judge(regions, values, view, bird.calibration, settings)
+    candidates = judge(regions.box[chosen], values, view, bird.calibration, settings)
     trace('candidates', candidates)
     lane = lane_of(lines)
-    trace('lane', (lines, lane))
+    trace('lane', lane)
     obstacles = [_obstacle(item, lane, bird) for item in candidates]
     tracks: Sequence[Track] = ()
     if stamp is None:
@@ -93,7 +100,7 @@ def _tracked(
     if state.light is not None:
         motion = motion_between(commands, state.light.stamp - lag, stamp - lag)
     sightings = [Sighting(one, item.top_distance, item.cut) for one, item in zip(obstacles, candidates)]
-    visible = functools.partial(in_view, bird.calibration)
+    visible = functools.partial(shown, view)
     return track(state.tracks, sightings, stamp, motion, visible, settings.tracking, view.camera)
 
 

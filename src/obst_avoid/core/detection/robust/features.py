@@ -1,298 +1,254 @@
 """What is measured on a region before anybody judges it: form, edges, size on the road, colour in and around it.
 
 Nothing here is a threshold. Colours are logarithms of ratios to the asphalt, sizes are in metres on the road by the
-calibration, or ratios. Trees (trees.py) weigh them.
+calibration, or ratios. Trees (trees.py) weigh them. What costs nothing is measured on all regions; the rest only on
+those that the first trees leave.
 """
 
-import math
 from typing import Dict, List, Sequence, Tuple
 
-import cv2
 import numpy as np
 
+from obst_avoid.core.detection.robust import native
+from obst_avoid.core.detection.robust.channels import COLORS, DIRECTIONS, UNIT, WIDE, YELLOW, Channels
 from obst_avoid.core.detection.robust.lines import Line
-from obst_avoid.core.detection.robust.regions import WIDE, YELLOW, Regions
+from obst_avoid.core.detection.robust.regions import AT, Regions
 from obst_avoid.core.detection.robust.view import View
 from obst_avoid.core.types import Array
 
-CELLS, GROWN = 10, 0.3
-"""A region is looked at through so many by so many cells, over its box grown by this share on each side."""
+OWN_CELLS, OWN_GROWN = 10, 0.3
+"""Where a region is, is asked at so many by so many points, over its box grown by this share on each side."""
 INSIDE = slice(2, 8)
-"""Cells of the box itself, about."""
+"""Those in the box itself, about."""
+CELLS, GROWN = 6, 0.25
+"""Its colours and edges: means of so many by so many cells over its box grown by this share on each side."""
 AROUND, AROUND_CELLS = 3.4, 7
 """Its surroundings: so many box sizes across, in so many by so many cells."""
-EDGE_CELLS, EDGE_GROWN = 6, 0.25
-"""Its edges: so many by so many cells over its box grown by this share on each side."""
-DIRECTIONS = 4
-"""Of edges, across a half turn."""
-EVEN = 0.05
-"""[octaves a pixel] What is flatter than this has no edges to speak of."""
-FAINT = 0.02
-"""[ratio to asphalt] added to light before logarithms of it, so that the dark is not all noise."""
+DIFFERENCE = 4.0
+"""[octaves] Colours that differ by more than this are simply different."""
+EVEN = 0.4
+"""[octaves over 8 pixels] What is flatter than this has no edges to speak of."""
 NO_LINE = 2.0
 """[m] and other measures of the nearest line where none is seen."""
-NO_NEIGHBOR = 6.0
-"""Logarithm of area for the level beyond a channel's first one: everything."""
+NOTHING = 30.0
+"""Levels, and ratios of sizes, for what a region would be part of where there is nothing."""
 
 
-def measure(regions: Regions, light: Array, view: View, lines: Sequence[Line]) -> Array:
-    """(N, len(NAMES)) float32, one row a region. light: (view.height, view.width, 3), relative to the asphalt's."""
-    count = len(regions)
-    if not count:
-        return np.zeros((0, len(NAMES)), dtype=np.float32)
-    x, y, w, h = regions.box.T
-    u, v = _cells(regions.box, view)
-    smooth = cv2.blur(light, (3, 3))
-    seen = _colors(smooth[v, u])
-    own = _own(regions, u, v - view.top)
-    size = np.maximum(own.sum(axis=(1, 2)), 1)
-    inside = [(color * own).sum(axis=(1, 2)) / size for color in seen]
-    columns: Dict[str, Array] = {}
-    columns.update(_form(regions, own))
-    columns.update(_on_road(regions, view))
-    columns.update(_levels(regions, own, u, v - view.top))
-    columns.update(_beside_lines(columns['ahead'], columns['aside'], lines))
-    columns['aside'] = np.abs(columns['aside'])
-    columns['cut_side'] = (x <= 0) | (x + w >= view.width)
-    columns['cut_low'] = y + h >= view.height
-    columns['cut_top'] = y <= view.top
-    for name, color, mean in zip(COLORS, seen, inside):
-        difference = color - mean[:, None, None]
-        columns[name] = mean
-        columns[name + '_spread'] = np.sqrt((difference**2 * own).sum(axis=(1, 2)) / size)
-        columns[name + '_left'] = difference[:, INSIDE, 0].mean(axis=1)
-        columns[name + '_right'] = difference[:, INSIDE, -1].mean(axis=1)
-        columns[name + '_above'] = difference[:, 0, INSIDE].mean(axis=1)
-        columns[name + '_below'] = difference[:, -1, INSIDE].mean(axis=1)
-        columns.update(_grid(name, np.clip(difference, -4, 4).reshape(count, 5, 2, 5, 2).mean(axis=(2, 4))))
-    columns.update(_grid('own', own.reshape(count, 5, 2, 5, 2).mean(axis=(2, 4))))
-    quarter = cv2.blur(cv2.resize(light, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), (3, 3))
-    far = _colors(_surroundings(regions.box, quarter))
-    steepness, edges = _edges(regions.box, smooth, view)
+def measure_all(regions: Regions, channels: Channels, view: View) -> Array:
+    """(N, len(QUICK)) float32, one row a region: what its box, its sums and its place on the road tell."""
+    road = view.top, view.nearness, view.bearing
+    found = native.quick(regions.table, channels.sums, *road, len(QUICK))
+    if found is not None:
+        return found
+    column = {name: regions.table[:, index].astype(np.float64) for name, index in AT.items()}
+    x, y, w, h, area = (column[name] for name in ('left', 'top', 'width', 'height', 'area'))
+    values: Dict[str, Array] = {name: column[name] for name in ('channel', 'level')}
+    values.update(
+        alive=column['level'] - column['since'],
+        aspect=w / h,
+        fill=area / (w * h),
+        pixels_across=w,
+        pixels_up=h,
+        off_middle=np.abs((column['sum_u'] / area - x) / w - 0.5),
+        low_middle=(column['sum_v'] / area - y) / h,
+    )
+    values.update(_on_road(regions.table, view))
+    values['aside'] = np.abs(values['aside'])
+    for name in COLORS:
+        values[name] = column[name] / area / UNIT
+    values.update(_ring(regions.table, channels.sums, values))
+    values['part'] = column['part'] / area
+    for who in ('parent_', 'double_'):
+        there = column[who + 'level'] > 0
+        larger = {name: column[who + name] for name in ('left', 'top', 'width', 'height', 'area')}
+        compared = {
+            'levels': column['level'] - column[who + 'level'],
+            'area': larger['area'] / area,
+            'width': larger['width'] / w,
+            'height': larger['height'] / h,
+            'foot': (larger['top'] + larger['height'] - y - h) / h,
+            'top': (y - larger['top']) / h,
+        }
+        values.update({who + name: np.where(there, ratio, NOTHING) for name, ratio in compared.items()})
+    values['cut_side'] = (x <= 0) | (x + w >= view.width)
+    values['cut_low'] = y + h + view.top >= view.height
+    values['cut_top'] = y <= 0
+    assert list(values) == QUICK
+    return np.column_stack([values[name] for name in QUICK]).astype(np.float32)
+
+
+def measure(
+    regions: Regions, chosen: Array, quick: Array, channels: Channels, view: View, lines: Sequence[Line]
+) -> Array:
+    """(M, len(NAMES)) float32 of the chosen regions, (M,) int: everything. quick: (N, len(QUICK)) of measure_all."""
+    table, values = regions.table[chosen], quick[chosen]
+    near = _lines_as_array(lines)
+    found = native.full(
+        table,
+        values,
+        regions.place,
+        channels.heights,
+        channels.sums,
+        view.top,
+        view.nearness,
+        view.bearing,
+        near,
+        (OWN_GROWN, GROWN, AROUND, DIFFERENCE, EVEN, NO_LINE),
+        len(NAMES),
+    )
+    if found is not None:
+        return found
+    columns: Dict[str, Array] = {name: values[:, index] for index, name in enumerate(QUICK)}
+    columns.update(_own(regions.place, table, channels.heights))
+    road = _on_road(table, view)
+    columns.update(_beside_lines(road['ahead'], road['aside'], near))
+    inside = [columns[name].astype(np.float64) for name in COLORS]
+    cells = _means(channels.sums, *_grid_over(table, channels.sums, CELLS, 1 + 2 * GROWN, square=False)) / UNIT
+    for index, name in enumerate(COLORS):
+        difference = cells[..., index] - inside[index][:, None, None]
+        columns.update(_grid(name, np.clip(difference, -DIFFERENCE, DIFFERENCE)))
+    edges = cells[..., len(COLORS) : len(COLORS) + DIRECTIONS]
+    steepness = edges.sum(axis=3).mean(axis=(1, 2))
     columns['steepness'] = steepness
     for direction in range(DIRECTIONS):
-        columns.update(_grid('edge%d_' % direction, edges[..., direction]))
-    columns.update(_grid('around_brightness', np.clip(far[0] - inside[0][:, None, None], -4, 4)))
-    columns.update(_grid('around_blue', np.clip(far[2] - inside[2][:, None, None], -4, 4)))
+        shares = edges[..., direction] / (steepness + EVEN)[:, None, None]
+        columns.update(_grid('edge%d_' % direction, shares))
+    around = _means(channels.sums, *_grid_over(table, channels.sums, AROUND_CELLS, AROUND, square=True)) / UNIT
+    for name in ('brightness', 'blue'):
+        index = COLORS.index(name)
+        difference = around[..., index] - inside[index][:, None, None]
+        columns.update(_grid('around_' + name, np.clip(difference, -DIFFERENCE, DIFFERENCE)))
     assert list(columns) == NAMES
     return np.column_stack([columns[name] for name in NAMES]).astype(np.float32)
 
 
-COLORS = ('brightness', 'green', 'blue')
-"""Logarithms to the base 2 of: the light; green against red; blue against both."""
+def _quick_names() -> List[str]:
+    names = ['channel', 'level', 'alive', 'aspect', 'fill', 'pixels_across', 'pixels_up', 'off_middle', 'low_middle']
+    names += ['ahead', 'aside', 'width', 'rise', 'rise_to_width', 'length']
+    names += list(COLORS) + ['ring_' + name for name in COLORS] + ['part']
+    for who in ('parent_', 'double_'):
+        names += [who + name for name in ('levels', 'area', 'width', 'height', 'foot', 'top')]
+    return names + ['cut_side', 'cut_low', 'cut_top']
 
 
 def _names() -> List[str]:
-    names = ['channel', 'level', 'aspect', 'fill', 'log_width', 'log_height', 'off_middle', 'low_middle']
-    names += ['row%d' % i for i in range(6)] + ['lean']
-    names += ['ahead', 'aside', 'width', 'rise', 'rise_to_width', 'length']
-    names += ['yellow', 'narrowness', 'narrowness_more', 'wide', 'parent', 'child']
-    names += ['parent_width', 'parent_height', 'parent_foot', 'parent_top']
-    names += ['line_distance', 'line_beyond', 'line_width', 'line_blue']
-    names += ['cut_side', 'cut_low', 'cut_top']
-    for name in COLORS:
-        names += [name] + [name + end for end in ('_spread', '_left', '_right', '_above', '_below')]
-        names += ['%s%d%d' % (name, i, j) for i in range(5) for j in range(5)]
+    names = QUICK + ['row%d' % i for i in range(6)] + ['lean', 'yellow', 'narrowness', 'wide']
     names += ['own%d%d' % (i, j) for i in range(5) for j in range(5)]
+    names += ['line_distance', 'line_beyond', 'line_width', 'line_blue']
+    for name in COLORS:
+        names += ['%s%d%d' % (name, i, j) for i in range(CELLS) for j in range(CELLS)]
     names.append('steepness')
     for direction in range(DIRECTIONS):
-        names += ['edge%d_%d%d' % (direction, i, j) for i in range(EDGE_CELLS) for j in range(EDGE_CELLS)]
+        names += ['edge%d_%d%d' % (direction, i, j) for i in range(CELLS) for j in range(CELLS)]
     for name in ('around_brightness', 'around_blue'):
         names += ['%s%d%d' % (name, i, j) for i in range(AROUND_CELLS) for j in range(AROUND_CELLS)]
     return names
 
 
+QUICK = _quick_names()
 NAMES = _names()
 
 
-def _cells(box: Array, view: View) -> List[Array]:
-    """Pixels of the cells' middles: columns u and rows v, each (N, CELLS, CELLS) int, rows first."""
-    x, y, w, h = (values[:, None] for values in box.T)
-    steps = (np.arange(CELLS) + 0.5) / CELLS * (1 + 2 * GROWN) - GROWN
-    u = np.clip(np.floor(x + w * steps), 0, view.width - 1).astype(int)
-    v = np.clip(np.floor(y + h * steps), 0, view.height - 1).astype(int)
-    shape = (len(box), CELLS, CELLS)
-    return [np.broadcast_to(u[:, None, :], shape), np.broadcast_to(v[:, :, None], shape)]
-
-
-def _colors(light: Array) -> List[Array]:
-    """(..., 3) light to the logarithms named in COLORS."""
-    blue, green, red = (light[..., i] + np.float32(FAINT) for i in range(3))
-    both = green + red
-    return [np.log2((both + blue) / 3), np.log2(green / red), np.log2(2 * blue / both)]
-
-
-def _own(regions: Regions, u: Array, v: Array) -> Array:
-    """(N, CELLS, CELLS) float32: 1 where a cell's middle belongs to the region."""
-    own = np.zeros(u.shape, dtype=np.float32)
-    for layer in np.unique(regions.layer):
-        chosen = np.flatnonzero(regions.layer == layer)
-        rows = v[chosen]
-        labels = regions.layers[layer].labels[np.maximum(rows, 0), u[chosen]]
-        own[chosen] = (labels == regions.label[chosen, None, None]) & (rows >= 0)
-    return own
-
-
-def _form(regions: Regions, own: Array) -> Dict[str, Array]:
-    """The silhouette."""
-    x, y, w, h = regions.box.T
-    rows = own[:, INSIDE]
-    widths = rows.mean(axis=2)
-    steps = (np.arange(CELLS) + 0.5) / CELLS
-    middles = (rows * steps).sum(axis=2) / np.maximum(rows.sum(axis=2), 1)
-    columns = {
-        'channel': regions.channel,
-        'level': regions.level,
-        'aspect': np.log2(w / h),
-        'fill': regions.area / (w * h),
-        'log_width': np.log2(w),
-        'log_height': np.log2(h),
-        'off_middle': np.abs((regions.middle[:, 0] - x) / w - 0.5),
-        'low_middle': (regions.middle[:, 1] - y) / h,
+def _on_road(table: Array, view: View) -> Dict[str, Array]:
+    """Its size on the road, if its lowest row is its foot."""
+    x, y, w, h = table[:, AT['left'] : AT['height'] + 1].astype(np.int64).T
+    y = y + view.top
+    foot, column = y + h - 1, np.clip(x + w // 2, 1, view.width - 2)
+    nearness = view.nearness[foot, column].astype(np.float64)
+    ahead = 1 / np.clip(nearness, 0.2, 20)
+    left = view.bearing[foot, x].astype(np.float64)
+    right = view.bearing[foot, np.minimum(x + w, view.width - 1)].astype(np.float64)
+    width = np.abs(left - right) * ahead
+    above = view.nearness[y, column].astype(np.float64)
+    rise = 1 - np.clip(above / np.maximum(nearness, 1e-3), -2, 1)  # its height in heights of the camera, if upright
+    aside = view.bearing[foot, column] * ahead
+    return {
+        'ahead': ahead,
+        'aside': aside,
+        'width': width,
+        'rise': rise,
+        'rise_to_width': np.maximum(rise, 1e-2) / np.maximum(width, 1e-3),
+        'length': np.clip(1 / np.clip(above, 0.2, 20) - ahead, 1e-3, 5),  # on the road, if it lies flat
     }
-    columns.update({'row%d' % i: widths[:, i] for i in range(6)})
+
+
+def _ring(table: Array, sums: Array, values: Dict[str, Array]) -> Dict[str, Array]:
+    """How its colours differ from those just around it, half its size to each side."""
+    x, y, w, h = table[:, AT['left'] : AT['height'] + 1].astype(np.int64).T
+    rows, width = sums.shape[0] - 1, sums.shape[1] - 1
+    u = np.maximum(x - (w + 1) // 2, 0), np.minimum(x + w + (w + 1) // 2, width)
+    v = np.maximum(y - (h + 1) // 2, 0), np.minimum(y + h + (h + 1) // 2, rows)
+    total = sums[v[1], u[1]] - sums[v[1], u[0]] - sums[v[0], u[1]] + sums[v[0], u[0]]
+    size = np.maximum((u[1] - u[0]) * (v[1] - v[0]) - table[:, AT['area']], 1)
+    ring = (total[:, :3] - table[:, AT['brightness'] : AT['blue'] + 1]) / size[:, None] / UNIT
+    return {'ring_' + name: ring[:, index] - values[name] for index, name in enumerate(COLORS)}
+
+
+def _own(place: Array, table: Array, heights: Array) -> Dict[str, Array]:
+    """The silhouette, and how yellow it gets, with and without what is as narrow as paint."""
+    x, y, w, h = (values[:, None] for values in table[:, AT['left'] : AT['height'] + 1].astype(np.float64).T)
+    steps = (np.arange(OWN_CELLS) + 0.5) / OWN_CELLS * (1 + 2 * OWN_GROWN) - OWN_GROWN
+    u, v = np.floor(x + w * steps).astype(int), np.floor(y + h * steps).astype(int)
+    shown = ((u >= 0) & (u < place.shape[2]))[:, None, :] & ((v >= 0) & (v < place.shape[1]))[:, :, None]
+    u = np.broadcast_to(np.clip(u, 0, place.shape[2] - 1)[:, None, :], shown.shape)
+    v = np.broadcast_to(np.clip(v, 0, place.shape[1] - 1)[:, :, None], shown.shape)
+    channel, first, past = (table[:, AT[name], None, None] for name in ('channel', 'first', 'past'))
+    at = place[channel, v, u]
+    own = shown & (heights[channel, v, u] > 0) & (at >= first) & (at < past)
+    rows = own[:, INSIDE, INSIDE].astype(np.float64)
+    widths = own[:, INSIDE].mean(axis=2)
+    middles = (rows * np.arange(6)).sum(axis=2) / np.maximum(rows.sum(axis=2), 1)
+    peaks = [(heights[which][v, u] * own).max(axis=(1, 2)).astype(np.float64) for which in (YELLOW, WIDE)]
+    in_yellow = (table[:, AT['channel']] == YELLOW) | (table[:, AT['channel']] == WIDE)
+    columns = {'row%d' % i: widths[:, i] for i in range(6)}
     columns['lean'] = np.abs(middles[:, 0] - middles[:, 5])
+    columns['yellow'] = peaks[0]
+    columns['narrowness'] = peaks[0] - peaks[1]
+    columns['wide'] = peaks[1] - np.where(in_yellow, table[:, AT['level']], 0)
+    columns.update(_grid('own', own.reshape(len(own), 5, 2, 5, 2).mean(axis=(2, 4))))
     return columns
 
 
-def _on_road(regions: Regions, view: View) -> Dict[str, Array]:
-    """Its size on the road, if its lowest row is its foot."""
-    x, y, w, h = regions.box.T
-    foot = np.clip((y + h - 1).astype(int), 0, view.height - 1)
-    head = np.clip(y.astype(int), 0, view.height - 1)
-    column = np.clip((x + w / 2).astype(int), 1, view.width - 2)
-    nearness = view.nearness[foot, column]
-    ahead = 1 / np.clip(nearness, 0.2, 20)
-    left = view.bearing[foot, np.clip(x.astype(int), 0, view.width - 1)]
-    right = view.bearing[foot, np.clip((x + w).astype(int), 0, view.width - 1)]
-    width = np.abs(left - right) * ahead
-    above = view.nearness[head, column]
-    rise = 1 - np.clip(above / np.maximum(nearness, 1e-3), -2, 1)  # its height in heights of the camera, if upright
-    return {
-        'ahead': ahead,
-        'aside': view.bearing[foot, column] * ahead,
-        'width': np.log2(np.maximum(width, 1e-3)),
-        'rise': rise,
-        'rise_to_width': np.log2(np.maximum(rise, 1e-2) / np.maximum(width, 1e-3)),
-        'length': np.log2(np.clip(1 / np.clip(above, 0.2, 20) - ahead, 1e-3, 5)),  # on the road, if it lies flat
-    }
+def _lines_as_array(lines: Sequence[Line]) -> Array:
+    """(L, 7) a, b, c, first and last x, width, blueness."""
+    rows = [[line.a, line.b, line.c, *sorted((line.begin, line.end)), line.width, line.blueness] for line in lines]
+    return np.array(rows, dtype=np.float64).reshape(-1, 7)
 
 
-def _levels(regions: Regions, own: Array, u: Array, v: Array) -> Dict[str, Array]:
-    """How it compares with what it is part of a level before, with its part a level later, and with paint."""
-    count = len(regions)
-    rows = np.maximum(v, 0)
-
-    def peak(height: Array) -> Array:
-        highest: Array = (height[rows, u] * own).reshape(count, -1).max(axis=1)
-        return highest
-
-    yellow, wide, wider = peak(regions.yellow), peak(regions.wide), peak(regions.wider)
-    in_yellow = (regions.channel == YELLOW) | (regions.channel == WIDE)
-    steps = (np.arange(CELLS) + 0.5) / CELLS
-    centred = 1 - 0.5 * np.hypot(*np.meshgrid(steps - 0.5, steps - 0.55))
-    best = (own * centred).reshape(count, -1).argmax(axis=1)
-    every = np.arange(count)
-    at_u, at_v = u.reshape(count, -1)[every, best], rows.reshape(count, -1)[every, best]
-    parent, child = np.full(count, NO_NEIGHBOR), np.full(count, -NO_NEIGHBOR)
-    outgrown = np.zeros((count, 4))
-    w, h = regions.box[:, 2], regions.box[:, 3]
-    for layer in np.unique(regions.layer):
-        chosen = np.flatnonzero(regions.layer == layer)
-        here = regions.layers[layer]
-        for step in (-1, 1):
-            other = layer + step
-            if not 0 <= other < len(regions.layers) or regions.layers[other].channel != here.channel:
-                continue
-            neighbor = regions.layers[other]
-            label = neighbor.labels[at_v[chosen], at_u[chosen]]
-            stats = neighbor.stats[label]
-            area = np.where(label > 0, stats[:, 4], 0)
-            ratio = np.log2((area + 1) / regions.area[chosen])
-            if step == 1:
-                child[chosen] = ratio
-                continue
-            parent[chosen] = ratio
-            own_stats = here.stats[regions.label[chosen]]
-            own_top = own_stats[:, 1]
-            outgrown[chosen] = np.column_stack(
-                [
-                    np.log2(stats[:, 2] / w[chosen]),
-                    np.log2(stats[:, 3] / h[chosen]),
-                    (stats[:, 1] + stats[:, 3] - own_top - h[chosen]) / h[chosen],
-                    (stats[:, 1] - own_top) / h[chosen],
-                ]
-            )
-    return {
-        'yellow': yellow,
-        'narrowness': yellow - wide,
-        'narrowness_more': yellow - wider,
-        'wide': wide - np.where(in_yellow, regions.level, 0),
-        'parent': parent,
-        'child': child,
-        'parent_width': outgrown[:, 0],
-        'parent_height': outgrown[:, 1],
-        'parent_foot': outgrown[:, 2],
-        'parent_top': outgrown[:, 3],
-    }
-
-
-def _beside_lines(x: Array, y: Array, lines: Sequence[Line]) -> Dict[str, Array]:
+def _beside_lines(x: Array, y: Array, lines: Array) -> Dict[str, Array]:
     """How far its foot is from the nearest line of tape, how far beyond its seen part, and what tape that is."""
-    best = {
-        'line_distance': np.full(len(x), NO_LINE),
-        'line_beyond': np.full(len(x), NO_LINE),
-        'line_width': np.full(len(x), NO_LINE),
-        'line_blue': np.full(len(x), NO_LINE),
-    }
-    for line in lines:
-        f = line.a + line.b * x + line.c * (x**2 + y**2) / 2 - y
-        distance = np.abs(f) / np.hypot(line.b + line.c * x, 1 - line.c * y)
-        near, far = sorted((line.begin, line.end))  # a line across the road begins anywhere
+    best = np.full((4, len(x)), NO_LINE)
+    for a, b, c, near, far, width, blueness in lines:  # a line across the road begins anywhere
+        f = a + b * x + c * (x**2 + y**2) / 2 - y
+        distance = np.abs(f) / np.sqrt((b + c * x) ** 2 + (1 - c * y) ** 2)
         beyond = np.maximum(np.maximum(near - x, x - far), 0)
-        nearer = np.hypot(distance, beyond) < np.hypot(best['line_distance'], best['line_beyond'])
-        seen = {'line_distance': distance, 'line_beyond': beyond, 'line_width': line.width, 'line_blue': line.blueness}
-        for name, values in seen.items():
-            best[name] = np.where(nearer, values, best[name])
-    return best
+        nearer = distance**2 + beyond**2 < best[0] ** 2 + best[1] ** 2
+        best = np.where(nearer, [distance, beyond, np.full(len(x), width), np.full(len(x), blueness)], best)
+    return dict(zip(('line_distance', 'line_beyond', 'line_width', 'line_blue'), best))
 
 
-def _edges(box: Array, light: Array, view: View) -> Tuple[Array, Array]:
-    """How steep its brightness is, (N,), and in which of its cells edges of which direction are, as shares of that.
+def _grid_over(table: Array, sums: Array, cells: int, across: float, square: bool) -> Tuple[Array, Array, Array, Array]:
+    """First and past columns, first and past rows of cells, (N, cells) each, at least a pixel and in the picture.
 
-    (N, EDGE_CELLS, EDGE_CELLS, DIRECTIONS): histograms of oriented gradients (Dalal and Triggs 2005), by integral
-    images (Dollar et al. 2009). In logarithms, so an edge in the dark weighs as much as one in the light.
+    across: of the grid, in box sizes; square: in those of the longer side.
     """
-    bright = cv2.log(light[view.top :].sum(axis=2) / 3 + np.float32(FAINT)) * np.float32(1 / math.log(2))
-    across = cv2.Sobel(bright, cv2.CV_32F, 1, 0, ksize=1) / 2
-    down = cv2.Sobel(bright, cv2.CV_32F, 0, 1, ksize=1) / 2
-    size, angle = cv2.cartToPolar(across, down)
-    turn = angle * np.float32(DIRECTIONS / math.pi)
-    sums = []
-    for direction in range(DIRECTIONS):
-        off = np.abs((turn - direction + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2)
-        sums.append(cv2.integral(size * np.maximum(1 - off, 0), sdepth=cv2.CV_32F))
-    table = np.stack(sums, axis=2)
-    x, y, w, h = box.T
-    steps = np.arange(EDGE_CELLS + 1) / EDGE_CELLS * (1 + 2 * EDGE_GROWN) - EDGE_GROWN
-    u = np.clip(np.rint(x[:, None] + w[:, None] * steps), 0, view.width).astype(int)
-    v = np.clip(np.rint(y[:, None] + h[:, None] * steps) - view.top, 0, len(size)).astype(int)
-    corner = table[v[:, :, None], u[:, None, :]]
-    cell = corner[:, 1:, 1:] - corner[:, 1:, :-1] - corner[:, :-1, 1:] + corner[:, :-1, :-1]
-    area = np.maximum(np.diff(v)[:, :, None] * np.diff(u)[:, None, :], 1)
-    cell = cell / area[..., None]
-    steepness = cell.sum(axis=3).mean(axis=(1, 2))
-    return np.log2(steepness + EVEN), cell / (steepness + EVEN)[:, None, None, None]
+    x, y, w, h = (values[:, None] for values in table[:, AT['left'] : AT['height'] + 1].astype(np.float64).T)
+    size = (np.maximum(w, h), np.maximum(w, h)) if square else (w, h)
+    steps = (np.arange(cells + 1) / cells - 0.5) * across
+    bounds = []
+    for low, own, grid, most in ((x, w, size[0], sums.shape[1] - 1), (y, h, size[1], sums.shape[0] - 1)):
+        at = np.floor(low + own / 2 + grid * steps + 0.5).astype(int)
+        first = np.clip(at[:, :-1], 0, most - 1)
+        bounds += [first, np.maximum(np.clip(at[:, 1:], 0, most), first + 1)]
+    return bounds[0], bounds[1], bounds[2], bounds[3]
 
 
-def _surroundings(box: Array, quarter: Array) -> Array:
-    """(N, AROUND_CELLS, AROUND_CELLS, 3) light around each box. quarter: the light at half the working size."""
-    x, y, w, h = box.T
-    size = np.maximum(w, h)[:, None] * (np.arange(AROUND_CELLS) - AROUND_CELLS // 2) / (AROUND_CELLS - 1) * AROUND
-    u = np.clip(((x + w / 2)[:, None] + size) / 2, 0, quarter.shape[1] - 1).astype(int)
-    v = np.clip(((y + h / 2)[:, None] + size) / 2, 0, quarter.shape[0] - 1).astype(int)
-    around: Array = quarter[v[:, :, None], u[:, None, :]]
-    return around
+def _means(sums: Array, left: Array, right: Array, top: Array, bottom: Array) -> Array:
+    """(N, C, C, SUMS) float64: means over cells, rows first."""
+    (left, right), (top, bottom) = (left[:, None], right[:, None]), (top[:, :, None], bottom[:, :, None])
+    total = sums[bottom, right] - sums[bottom, left] - sums[top, right] + sums[top, left]
+    means: Array = total / ((right - left) * (bottom - top))[..., None]
+    return means
 
 
 def _grid(name: str, values: Array) -> Dict[str, Array]:

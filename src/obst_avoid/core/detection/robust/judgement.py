@@ -8,12 +8,13 @@ import numpy as np
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.detection.robust.features import NAMES
-from obst_avoid.core.detection.robust.regions import Regions
 from obst_avoid.core.detection.robust.settings import RobustSettings
 from obst_avoid.core.detection.robust.view import View
 from obst_avoid.core.geometry import rectified_from_image
 from obst_avoid.core.types import Array, Box, Kind
 
+MOST_PROMISING = 250
+"""Regions on which everything is measured, the best ones: so a picture full of blobs takes no longer than any."""
 MOST = 40
 """Candidates that are looked at further, the best ones: more things do not fit on a road."""
 LEAST_RADIUS, MOST_RADIUS = 0.01, 0.12
@@ -26,7 +27,7 @@ class Candidate:
 
     box: [px] in the camera picture. confidence: probability that it is one, as far as one picture tells. x, y: [m] the
     point of its footprint nearest the robot. radius: [m]. top_distance: [m] on the road under the line of sight over
-    its top, inf above the horizon. cut: its foot is below the picture. row: its number among the regions.
+    its top, inf above the horizon. cut: its foot is below the picture. row: its number among the promising regions.
     """
 
     kind: Kind
@@ -40,22 +41,27 @@ class Candidate:
     row: int
 
 
-def judge(
-    regions: Regions, values: Array, view: View, calibration: Calibration, settings: RobustSettings
-) -> List[Candidate]:
+def promising(quick: Array) -> Array:
+    """Numbers, (M,) int, of the regions that deserve a closer look. quick: (N, len(QUICK)) of measure_all."""
+    odds = trees.summed(trees.shipped()['first'], quick)
+    chosen: Array = np.flatnonzero(odds > -np.inf)
+    if len(chosen) > MOST_PROMISING:
+        chosen = np.sort(chosen[np.argpartition(-odds[chosen], MOST_PROMISING)[:MOST_PROMISING]])
+    return chosen
+
+
+def judge(box: Array, values: Array, view: View, calibration: Calibration, settings: RobustSettings) -> List[Candidate]:
     """The regions with at least weak confidence that do not lie on a better one, best first.
 
-    values: (N, F) of measure. calibration: of the camera picture.
+    box: (M, 4) of Regions.box. values: (M, F) of measure. calibration: of the camera picture.
     """
     least = settings.weak_confidence
-    if not len(regions):
-        return []
     forests = trees.shipped()
     odds = trees.summed(forests['thing'], values)
-    chosen = _best(regions.box, odds, float(np.log(least / (1 - least))), settings.overlap)
+    chosen = _best(box, odds, float(np.log(least / (1 - least))), settings.overlap)
     if not chosen:
         return []
-    box, rows = regions.box[chosen], values[chosen]
+    box, rows = box[chosen], values[chosen]
     cone = trees.summed(forests['cone'], rows)
     foot = box[:, 1] + box[:, 3] * (1 + np.clip(trees.summed(forests['foot'], rows), -0.5, 0.5))
     cut = box[:, 1] + box[:, 3] >= view.height
@@ -65,7 +71,7 @@ def judge(
     ground = _ground(pixels * view.scale - 0.5, calibration)
     (feet, tops) = ground[: len(box)], ground[len(box) :]
     ahead = rows[:, NAMES.index('ahead')]
-    seen_width = 2.0 ** rows[:, NAMES.index('width')] / ahead * np.where(cut, ahead, feet[:, 0])
+    seen_width = rows[:, NAMES.index('width')] / ahead * np.where(cut, ahead, feet[:, 0])
     radius = np.clip(seen_width / 2 * 2.0 ** trees.summed(forests['radius'], rows), LEAST_RADIUS, MOST_RADIUS)
     confidence = 1 / (1 + np.exp(-odds[chosen]))
     found = []

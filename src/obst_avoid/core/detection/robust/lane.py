@@ -54,6 +54,8 @@ TAPE_ERROR = 0.25
 """Of a tape's width: logarithm of its ratio to the true one; the calibration may be wrong."""
 BEGIN_PRIOR = 0.25
 """[m] from the robot, about, that lines are seen; what begins farther away may be another road's."""
+MOST_FOR_COUNTS = 4.0
+"""What the counts of crossings say for two lines at most, see _lane; all else speaks against them."""
 MANY = 15
 """Crossings of a line beyond which more of them say nothing more."""
 LARGEST_D, LARGEST_PHI = 0.22, 1.0
@@ -120,6 +122,8 @@ def lane_of(lines: Sequence[Line]) -> Optional[Lane]:
     rights = [None] + [index for index, tape in enumerate(tapes) if tape < CERTAIN]
     for left, right in ((left, right) for left in lefts for right in rights if left != right):
         score = (0.0 if left is None else tapes[left]) - (0.0 if right is None else tapes[right])
+        if best is not None and score + MOST_FOR_COUNTS < best.score:
+            continue  # whatever else speaks for it
         lane = _lane(None if left is None else chains[left], None if right is None else chains[right], score)
         if lane is not None and (best is None or lane.score > best.score):
             best = lane

@@ -7,7 +7,6 @@ correction is folded into the table that turns pixel values into ratios; no pixe
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-import cv2
 import numpy as np
 
 from obst_avoid.core.types import Array
@@ -17,8 +16,8 @@ LINEAR = (((np.arange(256) + 1) / 256) ** 2.2).astype(np.float32)
 DARKER, BRIGHTER = 15.0, 60.0
 """[percentiles] of brightness of the road's part of a picture between which asphalt lies: shadows, wheels and the
 robot's own bumper are darker, paint and things are brighter."""
-FIRST_ROW, LAST_ROW, EVERY = 0.5, 0.98, 6
-"""The road's part, as fractions of the picture's height; each EVERYth pixel is looked at."""
+FIRST_ROW, LAST_ROW, ROWS = 0.5, 0.98, 60
+"""The road's part, as fractions of the picture's height; so many rows of a whole picture are looked at."""
 DARKEST, FASTEST, LONGEST = 1.5 / 256, 2.0, 10.0
 """Limits: asphalt is at least as bright as pixel value 1 or so, and changes by at most this factor a second; after so
 many seconds [s] the light before says nothing."""
@@ -34,22 +33,20 @@ class Light:
         """(3,) float64."""
         return np.array(self.road)
 
-    def table(self) -> Array:
-        """(1, 256, 3) float32 for cv2.LUT: pixel value to light relative to the asphalt's."""
-        return (LINEAR[:, None] / np.asarray(self.road, dtype=np.float32))[None]
-
 
 def estimate_light(picture: Array) -> Light:
     """The light of one picture, (H, W, 3) uint8 BGR. A picture without any asphalt gives its own grey."""
     height = picture.shape[0]
-    part = picture[int(FIRST_ROW * height) : int(LAST_ROW * height) : EVERY, ::EVERY].reshape(-1, 3)
-    sample = LINEAR[part]
-    brightness = sample.sum(axis=1)
-    low, high = np.percentile(brightness, (DARKER, BRIGHTER))
+    every = max(height // ROWS, 1)
+    sample = picture[int(FIRST_ROW * height) : int(LAST_ROW * height) + 1 : every, ::every].reshape(-1, 3)
+    brightness = LINEAR[sample[:, 0]] + LINEAR[sample[:, 1]] + LINEAR[sample[:, 2]]
+    ranks = int(DARKER / 100 * (len(sample) - 1)), int(BRIGHTER / 100 * (len(sample) - 1))
+    low, high = np.partition(brightness, ranks)[list(ranks)]
     between = sample[(brightness >= low) & (brightness <= high)]
-    blue, green, red = np.median(between if len(between) else sample, axis=0)  # none in a picture of a few pixels
+    middle = len(between) // 2
+    blue, green, red = LINEAR[np.partition(between, middle, axis=0)[middle]].tolist()
     least = float(DARKEST**2.2)
-    return Light((max(float(blue), least), max(float(green), least), max(float(red), least)))
+    return Light((max(blue, least), max(green, least), max(red, least)))
 
 
 def followed(before: Optional[Light], seen: Light, seconds: float) -> Light:
@@ -59,9 +56,3 @@ def followed(before: Optional[Light], seen: Light, seconds: float) -> Light:
     limit = float(FASTEST ** max(seconds, 0.0))
     blue, green, red = (min(max(new, old / limit), old * limit) for old, new in zip(before.road, seen.road))
     return Light((blue, green, red))
-
-
-def relative(picture: Array, light: Light) -> Array:
-    """(H, W, 3) uint8 to (H, W, 3) float32, B, G, R as ratios to the asphalt."""
-    seen: Array = cv2.LUT(picture, light.table())
-    return seen

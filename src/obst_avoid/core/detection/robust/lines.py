@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from obst_avoid.core.calibration import Calibration, horizon_row
+from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.robust.light import LINEAR
 from obst_avoid.core.geometry import ground_from_pixel, image_from_rectified, pixel_from_ground
 from obst_avoid.core.types import Array
@@ -72,14 +73,12 @@ CURVATURE_PRIOR = 6.0
 """[1/m] standard deviation of lines' curvature; keeps short lines from bending at will."""
 LEAST_ERROR = 0.5
 """Of crossings, as a ratio of ERROR: what they have in common does not show in the residual."""
-PRIOR = np.diag([1e-9, 1e-9, CURVATURE_PRIOR**-2])
-"""Information, (3, 3), that a curve's a, b, c begin with."""
+PRIOR = (1e-9, 1e-9, CURVATURE_PRIOR**-2)
+"""Information that a curve's a, b, c begin with."""
 LONGEST = 80
 """[samples] between the edges of tape."""
 CORE = np.arange(-1, 2)
 """[samples] of a crossing whose colour is taken."""
-KERNEL = (np.concatenate([-np.ones(LOBE), [0], np.ones(LOBE)])[None] / LOBE).astype(np.float32)
-"""Finds the steps of brightness along a scan."""
 SEED = 1
 """Of the trials."""
 
@@ -89,7 +88,7 @@ class LineSampling:
     """How a camera's picture is sampled: M samples, scan after scan, rows before rays.
 
     map_pixel, map_part: (1, M, 2) and (1, M) maps for cv2.remap. ground: (M, 2) [m] x, y of the samples, robot frame.
-    scan: (M,) number of the row or ray. whole: (1, M) float32, 0 at the ends of scans, where an edge has only one
+    scan: (M,) int32 number of the row or ray. whole: (1, M) float32, 0 at the ends of scans, where an edge has only one
     side, else 1. ahead: (ROWS,) [m] x of the rows. trials: (3, TRIALS) from 0 to 1, the choices of random sample
     consensus, drawn once so that the same picture gives the same answer.
     """
@@ -181,7 +180,7 @@ def make_sampling(calibration: Calibration) -> LineSampling:
         whole[0, :-shift][scan[shift:] != scan[:-shift]] = 0
     whole[0, : LOBE + 1] = whole[0, len(scan) - LOBE - 1 :] = 0
     trials = np.random.RandomState(SEED).uniform(size=(3, TRIALS))
-    return LineSampling(fixed[0], fixed[1], ground, scan, whole, ahead, trials)
+    return LineSampling(fixed[0], fixed[1], ground, scan.astype(np.int32), whole, ahead, trials)
 
 
 def find_lines(picture: Array, sampling: LineSampling, road: Array) -> List[Line]:
@@ -194,23 +193,20 @@ def find_lines(picture: Array, sampling: LineSampling, road: Array) -> List[Line
 
 def find_crossings(picture: Array, sampling: LineSampling, road: Array) -> Crossings:
     """Where scans cross tape: a step up and a step down of brightness, a tape's width apart. Arguments as above."""
-    sampled = cv2.remap(picture, sampling.map_pixel, sampling.map_part, cv2.INTER_LINEAR)
     road = np.maximum(np.asarray(road, dtype=np.float64).ravel(), 1e-5)
-    levels = 256 * road ** (1 / 2.2)
-    share = np.array([[0.0, levels[1], levels[2]]]) / (levels[1] + levels[2])  # the strong channel is the clear one
-    grey = cv2.transform(sampled, share.astype(np.float32))
-    change = cv2.filter2D(grey, cv2.CV_32F, KERNEL)
-    change *= sampling.whole
-    flat = change[0]
-    some = np.sort(np.abs(flat[::29]))
-    noise = float(some[len(some) // 2])
-    threshold = max(CONTRAST * float(share[0] @ levels), LEAST_CONTRAST, NOISE_FACTOR * noise)
-    left, right = _pairs(flat, grey[0], threshold, sampling.scan)
+    if not np.isfinite(road).all():
+        return Crossings(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)))
+    _, green, red = 256 * road ** (1 / 2.2)
+    share = round(256 * green / (green + red))  # the strong channel is the clear one
+    least = max(CONTRAST * (share * green + (256 - share) * red) / 256, LEAST_CONTRAST)
+    found = native.tapes(
+        picture, sampling, (share, 256 - share), (least, NOISE_FACTOR, EVENNESS, LOCAL_CONTRAST, LONGEST), LINEAR
+    )
+    left, right, color = found or _tapes(picture, sampling, share, least)
     first, last = _ground(sampling.ground, left), _ground(sampling.ground, right)
     across = last - first
     width = np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2)
-    core = ((left + right) / 2 + 0.5).astype(int)
-    color = LINEAR[sampled[0][core[:, None] + CORE]].sum(axis=1) / (len(CORE) * road)
+    color = color / (len(CORE) * road)
     middle = (first + last) / 2
     row = np.searchsorted(sampling.ahead, middle[:, 0])
     keep = np.flatnonzero((width > NARROWEST) & (width < WIDEST) & (color[:, 1] > REDNESS * color[:, 2]))
@@ -218,8 +214,26 @@ def find_crossings(picture: Array, sampling: LineSampling, road: Array) -> Cross
     return Crossings(row[keep], middle[keep, 0], middle[keep, 1], across[keep], color[keep])
 
 
+def _tapes(picture: Array, sampling: LineSampling, share: int, least: float) -> Tuple[Array, Array, Array]:
+    """Positions of tape's edges, (N,), as _pairs, and (N, 3) sums of linear light over its core.
+
+    share: of green in grey, of 256, the rest is red's. least: [grey levels] an edge.
+    """
+    sampled = cv2.remap(picture, sampling.map_pixel, sampling.map_part, cv2.INTER_LINEAR)[0].astype(np.int32)
+    grey = (share * sampled[:, 1] + (256 - share) * sampled[:, 2] + 128) >> 8
+    sums = np.concatenate([[0], grey.cumsum()])
+    change = np.zeros(len(grey))
+    behind, ahead = sums[LOBE : -LOBE - 1] - sums[: -2 * LOBE - 1], sums[2 * LOBE + 1 :] - sums[LOBE + 1 : -LOBE]
+    change[LOBE:-LOBE] = (ahead - behind) * (sampling.whole[0, LOBE:-LOBE] > 0)
+    some = np.sort(np.abs(change[::29]))
+    threshold = max(LOBE * least, NOISE_FACTOR * float(some[len(some) // 2])) if len(some) else least
+    left, right = _pairs(change, grey, threshold, sampling.scan)
+    core = ((left + right) / 2 + 0.5).astype(int)
+    return left, right, LINEAR[sampled[core[:, None] + CORE]].sum(axis=1)
+
+
 def _pairs(change: Array, grey: Array, threshold: float, scan: Array) -> Tuple[Array, Array]:
-    """Positions, to fractions of a sample, of tape's first and second edge, from the steps of brightness, (M,)."""
+    """Positions, to fractions of a sample, of tape's first and second edge. change: (M,) LOBE times the steps."""
     back = -change
     rises, falls = _peaks(change, threshold), _peaks(back, threshold)
     after = np.searchsorted(rises, falls)  # the step up that comes last before each step down
@@ -227,7 +241,7 @@ def _pairs(change: Array, grey: Array, threshold: float, scan: Array) -> Tuple[A
     up, down = change[rises], back[falls]
     good = (scan[rises] == scan[falls]) & (falls - rises < LONGEST)
     good &= (up > EVENNESS * down) & (down > EVENNESS * up)
-    good &= (up > LOCAL_CONTRAST * grey[rises - LOBE]) & (down > LOCAL_CONTRAST * grey[falls + LOBE])
+    good &= (up > LOBE * LOCAL_CONTRAST * grey[rises - LOBE]) & (down > LOBE * LOCAL_CONTRAST * grey[falls + LOBE])
     rises, falls = rises[good], falls[good]
     return rises + _vertex(change, rises), falls + _vertex(back, falls)
 
@@ -251,7 +265,7 @@ def _ground(ground: Array, at: Array) -> Array:
 def _vertex(values: Array, at: Array) -> Array:
     """Offset, -0.5 to 0.5, of the parabola's vertex through a local maximum and its neighbours."""
     before, here, after = values[at - 1], values[at], values[at + 1]
-    offset: Array = (before - after) / (2 * (before + after) - 4 * here - 1e-3)
+    offset: Array = (before - after) / (2 * (before + after) - 4 * here - LOBE * 1e-3)
     return offset
 
 
@@ -267,16 +281,39 @@ def curves(crossings: Crossings, trials: Array) -> List[Line]:
     design[1] = x
     design[2] = (x * x + y * y) / 2
     tolerance = TOLERANCE + TOLERANCE_GROWTH * x
-    tried = _tried(design, y, _kindred(crossings, trials))
+    kindred = _kindred(crossings, trials)
+    limits = LEAST_APART, SHARPEST, STEEPEST, DENSITY, LEAST_CROSSINGS
+    chosen = native.curves(x, y, crossings.row, tolerance, kindred, limits, MOST_LINES)
+    if chosen is None:
+        chosen = _chosen(design, crossings, tolerance, kindred)
+    bounds = ERROR, ERROR_GROWTH, LEAST_ERROR, LEAST_CROSSINGS, LEAST_LENGTH, GAP, GAP_GROWTH, FEW, PRIOR[0], PRIOR[2]
+    fitted = native.fitted(x, y, crossings.across, crossings.color, tolerance, chosen, bounds)
+    if fitted is None:
+        return _fitted(chosen, design, tolerance, crossings) if len(chosen) else []
+    return [_from_numbers(values, numbers, crossings) for values, numbers in zip(*fitted)]
+
+
+def _from_numbers(values: Array, numbers: Array, crossings: Crossings) -> Line:
+    x, y = crossings.x[numbers], crossings.y[numbers]
+    a, b, c = values[:3].tolist()
+    residual, width, blueness, brightness = values[12:].tolist()
+    begin, end, covariance = float(x[0]), float(x[-1]), values[3:12].reshape(3, 3)
+    return Line(a, b, c, covariance, begin, end, len(x), residual, width, blueness, brightness, x, y)
+
+
+def _chosen(design: Array, crossings: Crossings, tolerance: Array, trials: Array) -> Array:
+    """(L, N) bool: crossings on each of the curves that most lie on. trials: (3, T) numbers of crossings."""
+    x, y = crossings.x, crossings.y
+    chosen: List[Array] = []
+    tried = _tried(design, y, trials)
     if not len(tried):
-        return []
+        return np.zeros((0, len(x)), dtype=bool)
     beside = np.abs((tried[:, :3] @ design - y) / tried[:, 3:])
     close = beside < tolerance
     first, last = close.argmax(axis=1), len(x) - 1 - close[:, ::-1].argmax(axis=1)
     gaps = DENSITY * (crossings.row[last] - crossings.row[first])
     near = close.astype(np.float32)
     free = np.ones(len(x), dtype=np.float32)
-    chosen = []
     for _ in range(MOST_LINES):
         counts = near @ free
         best = int(np.argmax(counts - gaps))
@@ -284,7 +321,7 @@ def curves(crossings: Crossings, trials: Array) -> List[Line]:
             break
         chosen.append(near[best] * free > 0)
         free[beside[best] < 2 * tolerance] = 0
-    return _fitted(np.array(chosen), design, tolerance, crossings) if chosen else []
+    return np.array(chosen, dtype=bool).reshape(-1, len(x))
 
 
 def _kindred(crossings: Crossings, trials: Array) -> Array:
@@ -335,7 +372,7 @@ def _fitted(chosen: Array, design: Array, tolerance: Array, crossings: Crossings
     number = np.arange(len(chosen))[:, None]
     for _ in range(2):
         sums = (chosen / (error * scale) ** 2) @ products.T
-        inverse = np.linalg.inv(sums[:, :9].reshape(-1, 3, 3) + PRIOR)
+        inverse = np.linalg.inv(sums[:, :9].reshape(-1, 3, 3) + np.diag(PRIOR))
         values = (inverse @ sums[:, 9:, None])[:, :, 0]
         scale = np.sqrt(np.maximum(values[:, 1:2] ** 2 + 1 - 2 * values[:, :1] * values[:, 2:], 0.1))
         beside = (values @ design - y) / scale

@@ -14,44 +14,46 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 
-from obst_avoid.core.detection.robust.features import NAMES
+from obst_avoid.core.detection.robust import native
+from obst_avoid.core.detection.robust.features import NAMES, QUICK
 from obst_avoid.core.settings import SettingsError
 from obst_avoid.core.types import Array
 
 FILE = os.path.join(os.path.dirname(__file__), 'trees.npz')
-STAGES = (15, 40, 100, 200)
-"""Trees after which hopeless regions are dropped: most need no more (a soft cascade, Bourdev and Brandt 2005)."""
+FORESTS = ('first', 'thing', 'cone', 'foot', 'radius')
+NODE = np.dtype([(name, np.int16) for name in ('feature', 'left', 'right', 'depth')] + [('value', np.float32)])
+"""feature: column of NAMES. left, right: nodes; of a leaf itself. depth: of a root, steps that reach every leaf. value:
+smaller ones go left; of a leaf what it adds."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays: the same object or another
 class Forest:
-    """T trees of at most K nodes, (T, K) each; node 0 is a tree's root.
+    """T trees of at most K nodes.
 
-    feature: column of NAMES. threshold: smaller values go left. left, right: nodes; a leaf leads to itself. value: of
-    leaves. base: of the sum. depth: steps that reach every leaf. hopeless: for each of STAGES the sum, base included,
-    below which the rest is not worth its time.
+    nodes: (T, K) NODE; node 0 is a tree's root, children come after their parents. base: of the sum. stages: (S,)
+    int32, trees after which rows are dropped whose sum, base included, is below hopeless, (S,) float32: most need no
+    more trees (a soft cascade, Bourdev and Brandt 2005).
     """
 
-    feature: Array
-    threshold: Array
-    left: Array
-    right: Array
-    value: Array
+    nodes: Array
     base: float
-    depth: int
-    hopeless: Tuple[float, ...] = ()
+    stages: Array
+    hopeless: Array
 
 
 def summed(forest: Forest, values: Array) -> Array:
-    """(N, F) float32 to (N,) float32: each row's sum, -inf where it is hopeless: the first trees alone say little."""
+    """(N, F) float32 to (N,) float32: each row's sum, -inf where it is hopeless."""
+    total = native.summed(forest.nodes, forest.stages, forest.hopeless, values, forest.base)
+    if total is not None:
+        return total
     total = np.full(len(values), forest.base, dtype=np.float32)
     going, before = np.arange(len(values)), 0
-    for stage, least in zip(STAGES, forest.hopeless):
-        total[going] += _leaves(forest, values[going], slice(before, stage)).sum(axis=1)
+    for stage, least in zip(forest.stages.tolist(), forest.hopeless.tolist()):
+        total[going] = _added(total[going], forest, values[going], slice(before, stage))
         lost = total[going] < least
         total[going[lost]] = -np.inf
         going, before = going[~lost], stage
-    total[going] += _leaves(forest, values[going], slice(before, None)).sum(axis=1)
+    total[going] = _added(total[going], forest, values[going], slice(before, None))
     return total
 
 
@@ -61,16 +63,14 @@ def reasons(forest: Forest, values: Array, count: int = 4) -> List[Tuple[str, fl
     Each step down a tree changes the mean of the leaves below; that change goes to the measurement that was asked
     (Saabas 2014).
     """
-    means = _means(forest)
-    trees = np.arange(len(forest.feature))
+    nodes, means = forest.nodes, _means(forest.nodes)
+    trees = np.arange(len(nodes))
     node = np.zeros(len(trees), dtype=np.int64)
     moved = np.zeros(len(NAMES))
-    for _ in range(forest.depth):
-        feature = forest.feature[trees, node]
-        down = np.where(
-            values[feature] < forest.threshold[trees, node], forest.left[trees, node], forest.right[trees, node]
-        )
-        np.add.at(moved, feature, means[trees, down] - means[trees, node])
+    for _ in range(nodes['depth'].max()):
+        here = nodes[trees, node]
+        down = np.where(values[here['feature']] < here['value'], here['left'], here['right'])
+        np.add.at(moved, here['feature'], means[trees, down] - means[trees, node])
         node = down
     order = np.argsort(-np.abs(moved))[:count]
     return [(NAMES[index], float(moved[index])) for index in order if moved[index]]
@@ -78,13 +78,12 @@ def reasons(forest: Forest, values: Array, count: int = 4) -> List[Tuple[str, fl
 
 @functools.lru_cache(maxsize=1)
 def shipped() -> Dict[str, Forest]:
-    """The package's forests by name: thing, cone, foot, radius. Raises SettingsError when the file is not usable."""
+    """The package's FORESTS by name. Raises SettingsError when the file is not usable."""
     try:
         with np.load(FILE) as file:
-            names = [str(name) for name in file['names']]
-            if names != NAMES:
+            if [str(name) for name in file['names']] != NAMES:
                 raise SettingsError('%s was trained on other measurements, expected those of features.py' % FILE)
-            return {name: _loaded(file, name) for name in ('thing', 'cone', 'foot', 'radius')}
+            return {name: _loaded(file, name) for name in FORESTS}
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         if isinstance(error, SettingsError):
             raise
@@ -92,42 +91,64 @@ def shipped() -> Dict[str, Forest]:
 
 
 def _loaded(file: Dict[str, Array], name: str) -> Forest:
-    nodes = [file['%s_%s' % (name, part)] for part in ('feature', 'threshold', 'left', 'right', 'value')]
-    base, depth = file[name + '_base']
-    feature, threshold, left, right, value = nodes
-    return Forest(
-        feature.astype(np.int64),
-        threshold.astype(np.float32),
-        left.astype(np.int64),
-        right.astype(np.int64),
-        value.astype(np.float32),
-        float(base),
-        int(depth),
-        tuple(float(value) for value in file[name + '_hopeless']),
-    )
+    nodes, stages, hopeless = (file['%s_%s' % (name, part)] for part in ('nodes', 'stages', 'hopeless'))
+    base = float(file[name + '_base'])
+    asked = len(QUICK if name == 'first' else NAMES)
+    passed = np.diff(np.concatenate([[0], stages, [len(nodes) + 1]]))
+    staged = stages.shape == hopeless.shape == (len(stages),) and (passed > 0).all() and np.isfinite(hopeless).all()
+    if not (staged and np.isfinite(base) and _sound(nodes, asked)):
+        raise ValueError('the forest %s is broken' % name)
+    return Forest(nodes, base, stages.astype(np.int32), hopeless.astype(np.float32))
 
 
-def _leaves(forest: Forest, values: Array, chosen: slice) -> Array:
-    """(N, T) value of the leaf that each row reaches in each of the chosen trees."""
-    feature, threshold = forest.feature[chosen], forest.threshold[chosen]
-    left, right = forest.left[chosen], forest.right[chosen]
-    trees = np.arange(len(feature))
+def depths(nodes: Array) -> Array:
+    """(T,) steps until every way down a tree has ended in a leaf. nodes: as in Forest, but for the depths."""
+    depth = np.zeros(nodes.shape, dtype=np.int64)
+    trees = np.arange(len(nodes))
+    for node in range(nodes.shape[1]):  # children come after their parents
+        inner = nodes['left'][:, node] != node
+        for side in ('left', 'right'):
+            depth[trees[inner], nodes[side][inner, node]] = depth[inner, node] + 1
+    deepest: Array = depth.max(axis=1)
+    return deepest
+
+
+def _sound(nodes: Array, asked: int = len(NAMES)) -> bool:
+    """Whether every way down each tree ends in a leaf, and every question asks one of so many measurements."""
+    if nodes.dtype != NODE or nodes.ndim != 2 or not nodes.size:
+        return False
+    own = np.arange(nodes.shape[1])
+    leaf = (nodes['left'] == own) & (nodes['right'] == own)
+    later = np.minimum(nodes['left'], nodes['right']) > own
+    inside = np.maximum(nodes['left'], nodes['right']) < len(own)
+    known = (nodes['feature'] >= 0) & (nodes['feature'] < asked)
+    whole = ((later | leaf) & inside & known & np.isfinite(nodes['value'])).all()
+    return bool(whole and (nodes['depth'][:, 0] >= depths(nodes)).all())
+
+
+def _added(total: Array, forest: Forest, values: Array, chosen: slice) -> Array:
+    """(N,) sums and the leaves that rows reach in each of the chosen trees, tree by tree as the compiled path adds."""
+    nodes = forest.nodes[chosen]
+    if not len(nodes):
+        return total
+    trees = np.arange(len(nodes))
     node = np.zeros((len(values), len(trees)), dtype=np.int64)
     rows = np.arange(len(values))[:, None]
-    for _ in range(forest.depth):
-        lower = values[rows, feature[trees, node]] < threshold[trees, node]
-        node = np.where(lower, left[trees, node], right[trees, node])
-    reached: Array = forest.value[chosen][trees, node]
-    return reached
+    for _ in range(nodes['depth'].max()):
+        here = nodes[trees, node]
+        node = np.where(values[rows, here['feature']] < here['value'], here['left'], here['right'])
+    for column in nodes['value'][trees, node].T:
+        total = total + column
+    return total
 
 
-def _means(forest: Forest) -> Array:
+def _means(nodes: Array) -> Array:
     """(T, K) mean of the leaves below each node, each leaf alike."""
-    total, leaves = forest.value.astype(np.float64).copy(), np.ones(forest.value.shape)
+    leaf = nodes['left'] == np.arange(nodes.shape[1])
+    total, leaves = np.where(leaf, nodes['value'], 0).astype(np.float64), np.ones(nodes.shape)
     every = np.arange(len(total))
     for node in range(total.shape[1] - 1, -1, -1):  # children come after their parents
-        left, right = forest.left[:, node], forest.right[:, node]
-        inner = left != node
+        left, right, inner = nodes['left'][:, node], nodes['right'][:, node], ~leaf[:, node]
         total[inner, node] = (total[every, left] + total[every, right])[inner]
         leaves[inner, node] = (leaves[every, left] + leaves[every, right])[inner]
     means: Array = total / leaves
