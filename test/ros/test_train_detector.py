@@ -81,7 +81,8 @@ def grown(rendered: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert ended.code == 0, ended.output
     assert 'Traceback' not in ended.output
     last = ended.output.strip().splitlines()[-1]
-    words = re.match(r'(\d+) pictures, (\d+) regions, (\d+) of them things: %s$' % re.escape(str(output)), last)
+    sentence = r'(\d+) pictures, (\d+) regions, (\d+) of them promising, \d+ of these things: %s$'
+    words = re.match(sentence % re.escape(str(output)), last)
     assert words, last
     shown, regions, things = map(int, words.groups())
     assert 0 < shown <= 2 * PICTURES  # those of which the first look leaves anything

@@ -32,7 +32,7 @@ FEW: Dict[str, Any] = {
 FIRST = {'max_leaves': 24, 'eta': 0.2, 'colsample_bytree': 0.5}
 GROWING = {'max_leaves': 24, 'eta': 0.075}
 """What differs for the first look and for the judgement."""
-FIRST_STAGES, STAGES = (4, 8, 15, 30, 60, 100), (15, 40, 100, 200)
+FIRST_STAGES, STAGES = (4, 8, 15, 30, 60, 100), (5, 10, 20, 40, 70, 100, 150, 200, 300)
 """Trees after which hopeless regions are dropped."""
 SAFE = 0.005
 """Share of the regions of true things that each stage may drop: a thing has several."""
