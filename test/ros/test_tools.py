@@ -2,6 +2,8 @@
 
 from __future__ import annotations  # the robot's pytest does not export its fixtures' types
 
+import argparse
+import contextlib
 import json
 import os
 import re
@@ -29,6 +31,8 @@ from obst_avoid.core.types import Scene as Shown
 from obst_avoid.offline import (
     bag_to_images,
     bench,
+    bench_graph,
+    bench_run_bag,
     demo,
     detect_images,
     images_to_bag,
@@ -37,6 +41,7 @@ from obst_avoid.offline import (
     show_steps,
     simulated_bag,
 )
+from obst_avoid.offline.tool import ToolError
 from obst_avoid.ros import border
 from obst_avoid.sim.renderer import RenderError
 
@@ -734,11 +739,12 @@ def test_the_demo_on_a_folder_of_pictures(tmp_path: Path) -> None:
     assert 'stops' in ended.output
 
 
-def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     threads = cv2.getNumThreads()
+    monkeypatch.setattr(bench_run_bag, 'PICTURES', 30)
     output = tmp_path / 'new' / 'bench.json'
     try:
-        assert bench.main(['--count', '3', '--output', str(output)]) == 0
+        assert bench.main(['--count', '3', '--graph-seconds', '3', '--output', str(output)]) == 0
     finally:
         cv2.setNumThreads(threads)
     result = json.loads(output.read_text())
@@ -754,16 +760,62 @@ def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert all(list(values) == ['0', '3', '30', '100', '300'] for values in result['blobs'].values())
     assert set(result['sizes']) == {'320x240', '640x480', '960x720', '1280x960'}
     assert 20 < result['start']['memory_mb'] < 1000
+    assert set(result['run_bag']) == {'1', '2', 'with_start'}
+    for processes, with_start in result['run_bag']['with_start'].items():
+        assert 0 < with_start < result['run_bag'][processes]
+    graph = result['graph']
+    assert graph['published'] == 90
+    assert graph['answered'] > 0
+    assert graph['published'] == graph['answered'] + graph['dropped']
+    assert graph['twice'] == 0
+    latency = graph['latency']
+    assert 0 < latency['median_ms'] <= latency['p95_ms'] <= latency['p99_ms'] <= graph['oldest_ms']
+    assert set(graph['cpu_share']) == {'obstacle_detection_node', 'obstacle_avoidance_node'}
+    assert all(share > 0 for share in graph['cpu_share'].values())
+    assert all(20 < memory < 1000 for memory in graph['memory_mb'].values())
     printed = capsys.readouterr().out
     assert 'x decoding' in printed
+    assert 'processed twice' in printed
     assert 'ratio' not in printed
     picture = tmp_path / 'picture.jpg'
     cv2.imwrite(str(picture), picture_of(SCENE))
     try:
-        assert bench.main(['--count', '3', '--compare', str(output), str(picture)]) == 0
+        assert bench.main(['--count', '3', '--graph-seconds', '0', '--compare', str(output), str(picture)]) == 0
     finally:
         cv2.setNumThreads(threads)
     assert 'robust, component trees' in capsys.readouterr().out
+
+
+def test_bench_counts_what_became_of_the_pictures() -> None:
+    ms = 1_000_000
+    stamps = [1000 * ms, 1033 * ms, 1066 * ms, 1099 * ms]
+    seen = [(967, 980), (1000, 1010), (1000, 1020), (1066, 1080), (1099, 1110)]
+    decided = [(967, 982), (967, 1002), (1000, 1012), (1000, 1062), (1066, 1082), (1099, 1112), (1099, 1400)]
+    arrivals = [[(stamp * ms, time * ms) for stamp, time in messages] for messages in (seen, decided)]
+    figures = bench_graph.counts(stamps, *arrivals)
+    assert {name: figures[name] for name in ('published', 'answered', 'dropped', 'twice', 'repeated', 'oldest_ms')} == {
+        'published': 4,
+        'answered': 3,
+        'dropped': 1,
+        'twice': 1,
+        'repeated': 1,  # the one of 1099 again comes when no picture does any more
+        'oldest_ms': 62,
+    }
+    assert figures['latency']['median_ms'] == 13
+
+
+def test_bench_of_a_graph_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    mark = 'BENCH_TEST=%d' % os.getpid()
+    monkeypatch.setenv(*mark.split('='))
+    options = argparse.Namespace(vehicle='', calibration='', profile='', stage='nonsense', graph_seconds=1.0)
+    with pytest.raises(ToolError, match='the graph does not answer: a node died, after: .*nonsense'):
+        bench_graph.bench_graph(options, [jpeg_of()])
+    left = []
+    for environ in Path('/proc').glob('[0-9]*/environ'):
+        with contextlib.suppress(OSError):  # another user's, or gone meanwhile
+            if mark.encode() in environ.read_bytes().split(b'\0'):
+                left.append(environ)
+    assert left == []
 
 
 def test_bench_against_what_it_did_not_write(tmp_path: Path, sentence: Callable[[str], str]) -> None:

@@ -18,7 +18,10 @@ from obst_avoid.core import detection
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.picture import decode_jpeg, encode_jpeg
 from obst_avoid.offline import tool
+from obst_avoid.offline.bench_graph import bench_graph
+from obst_avoid.offline.bench_run_bag import bench_run_bag
 from obst_avoid.offline.bench_simulation import bench_simulation
+from obst_avoid.offline.measure import percentiles
 from obst_avoid.offline.pictures import read_jpeg
 from obst_avoid.offline.simulated_bag import Camera, stands, straight_road
 from obst_avoid.offline.simulation import add_robot_arguments
@@ -53,7 +56,7 @@ SIZES = ((320, 240), (640, 480), (960, 720), (1280, 960))
 GAIN, OFFSET = (1.2, 1.1, 1.0), (-8.0, -4.0, 0.0)
 """Some colour correction; how it is applied takes the time, not which."""
 COLD = """
-import pickle, resource, sys, time
+import pickle, sys, time
 times = [time.perf_counter()]
 from obst_avoid.core import detection
 from obst_avoid.core.picture import decode_jpeg
@@ -66,23 +69,37 @@ for index in range(count):
     _, detector = detection.detect(detector, decode_jpeg(jpeg), index * 33333333)
     if not index:
         times.append(time.perf_counter())
-print(*(b - a for a, b in zip(times, times[1:])), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+with open('/proc/self/status') as file:
+    peak = next(int(line.split()[1]) for line in file if line.startswith('VmHWM:'))
+print(*(b - a for a, b in zip(times, times[1:])), peak * 1024 / 1e6)
 """
-"""What a new process runs: nothing but the detector."""
+"""What a new process runs: nothing but the detector. Its ru_maxrss would be at least that of the process before it."""
 
 
 def main(arguments: Any = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(
-        prog='bench', description='Time each stage of the detectors beside JPEG decoding, and the simulation.'
+        prog='bench',
+        description='Time each stage of the detectors beside JPEG decoding, the simulation, run_bag and the ROS graph.',
     )
     add_robot_arguments(parser)
     parser.add_argument('--soak', type=float, default=0.0, metavar='MIN', help='watch memory for so many minutes, too')
+    parser.add_argument(
+        '--graph-seconds', type=_seconds, default=60.0, metavar='S',
+        help="time in the ROS graph, with the package's own settings; 0: none (default: 60)",
+    )  # fmt: skip
     parser.add_argument('--count', type=tool.count, default=200, help='pictures that are timed (default: 200)')
     parser.add_argument('--output', metavar='FILE', help='write the figures there, as JSON')
     parser.add_argument('--compare', metavar='FILE', help='figures that an earlier version wrote with --output')
     parser.add_argument('paths', metavar='PATH', nargs='*', help='pictures or folders; without any, they are rendered')
     return tool.run(_main, parser, arguments)
+
+
+def _seconds(value: str) -> float:
+    number = float(value)
+    if not 0 <= number <= 86400:
+        raise argparse.ArgumentTypeError('%s, expected 0 to 86400 (s)' % value)
+    return number
 
 
 def _main(options: argparse.Namespace) -> int:
@@ -103,7 +120,7 @@ def _main(options: argparse.Namespace) -> int:
         for name, detector in detectors.items():
             figures[name] = _all_figures(_times(detector, repeated))
             _print('%s, %d thread%s' % (name, threads, 's'[: threads > 1]), figures[name], name, options.count)
-        figures[DEPLOYED] = _figures(_deployed(detectors['paper'], repeated)[WARM_UP:])
+        figures[DEPLOYED] = percentiles(_deployed(detectors['paper'], repeated)[WARM_UP:])
         _print_ratios(figures)
     cv2.setNumThreads(1)
     result['blobs'] = _by_blobs(detectors, pictures[0], options.count)
@@ -111,6 +128,9 @@ def _main(options: argparse.Namespace) -> int:
     result['start'] = _cold(detectors['robust'], pictures[0], options.count)
     if not options.paths:
         result['simulation'] = bench_simulation(options)
+    result['run_bag'] = bench_run_bag(options, pictures)
+    if options.graph_seconds:
+        result['graph'] = bench_graph(options, pictures)
     if options.output:
         os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
         with open(options.output, 'w', encoding='utf-8') as file:
@@ -159,12 +179,7 @@ class _Watch:
 
 
 def _all_figures(times: Dict[str, List[float]]) -> Dict[str, Dict[str, float]]:
-    return {name: _figures(values[WARM_UP:]) for name, values in times.items()}
-
-
-def _figures(values: List[float]) -> Dict[str, float]:
-    median, p95, p99 = np.percentile(values, [50, 95, 99])
-    return {'median_ms': round(float(median), 4), 'p95_ms': round(float(p95), 4), 'p99_ms': round(float(p99), 4)}
+    return {name: percentiles(values[WARM_UP:]) for name, values in times.items()}
 
 
 def _deployed(detector: detection.Detector, jpegs: List[bytes]) -> List[float]:
@@ -257,7 +272,7 @@ def _print_ratios(figures: Dict[str, Any]) -> None:
 
 def _print_comparison(before: Dict[str, Any], result: Dict[str, Any]) -> None:
     """Each stage in units of its own run's decoding, so that another machine's speed drops out."""
-    print('\nin units of decoding, one thread                before      now  ratio')
+    print('\none thread, in units of decoding                before      now  ratio')
     for profile in PROFILES:
         old, new = (item['threads']['1'].get(profile, {}) for item in (before, result))
         for name in (name for name in new if name in old and name != DECODE):

@@ -10,6 +10,7 @@ import numpy as np
 
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.offline import tool
+from obst_avoid.offline.measure import resident
 from obst_avoid.offline.simulation import robot_of, simulation_settings, towns_folder
 from obst_avoid.sim import world as worlds
 from obst_avoid.sim.episode import run
@@ -19,7 +20,6 @@ from obst_avoid.sim.sensor import developed, signal_factors
 from obst_avoid.sim.town import WorldPose
 
 WARM_UP, COUNT, EPISODES = 10, 100, 3
-PAGE = os.sysconf('SC_PAGE_SIZE') if hasattr(os, 'sysconf') else 4096
 
 
 def bench_simulation(options: argparse.Namespace) -> Dict[str, Any]:
@@ -87,15 +87,9 @@ def _soak(options: argparse.Namespace, robot: Any, settings: Any, renderer: Rend
         run(scenario, robot, replace(settings, picture_rate=10.0), renderer)
         minute = (time.monotonic() - begin) / 60
         if not readings or minute - readings[-1][0] >= options.soak / 10 or minute >= options.soak:
-            readings.append((round(minute, 2), round(_resident(), 1)))
-            print('%-38s %8.1f   (minute %.1f, %d episodes)' % ('resident memory, MB', _resident(), minute, seed))
+            readings.append((round(minute, 2), round(resident(), 1)))
+            print('%-38s %8.1f   (minute %.1f, %d episodes)' % ('resident memory, MB', resident(), minute, seed))
     return readings
-
-
-def _resident() -> float:
-    """[MB] of this process."""
-    with open('/proc/self/statm', encoding='ascii') as file:
-        return int(file.read().split()[1]) * PAGE / 1e6
 
 
 def _scenario(options: argparse.Namespace, name: str, seed: int) -> Scenario:

@@ -3,13 +3,12 @@
 import argparse
 import json
 import os
-import socket
-import subprocess
 import sys
 from typing import Any, Dict, List
 
 from obst_avoid.offline import tool
 from obst_avoid.offline.drive_report import report
+from obst_avoid.offline.graph import launched
 from obst_avoid.offline.simulation import calibration_of
 from obst_avoid.offline.summary import table
 
@@ -90,20 +89,14 @@ def _faults(summary: Dict[str, Any], log: str) -> List[str]:
 
 def _launch(call: List[str], log_path: str) -> None:
     """Run a launch file to its end on a master of its own; show the nodes' own words, and keep all in the log."""
-    command = ['roslaunch', '--port', str(_free_port()), 'obst_avoid'] + call
-    environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}  # or the nodes' words come when all is over
-    with open(log_path, 'w', encoding='utf-8') as log:
-        process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace', env=environment
-        )
-        assert process.stdout is not None
+    with open(log_path, 'w', encoding='utf-8') as log, launched(call) as graph:
+        assert graph.process.stdout is not None
         over = False
-        for line in process.stdout:
+        for line in graph.process.stdout:
             log.write(line)
             if not over and any(mark in line for mark in SHOWN):
                 print(line.rstrip(), flush=True)
             over = over or any(words in line for words in LAST_WORDS)  # what follows is the nodes' ending
-        process.wait()
 
 
 def _read(path: str, log: str) -> Dict[str, Any]:
@@ -113,10 +106,3 @@ def _read(path: str, log: str) -> Dict[str, Any]:
             return summary
     except OSError as error:
         raise tool.ToolError('the drive ended without a summary, see %s' % log) from error
-
-
-def _free_port() -> int:
-    """For a master of our own, beside one that may be running."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return int(probe.getsockname()[1])
