@@ -9,8 +9,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 from obst_avoid.core.bird_view import BirdView, make_bird_view
 from obst_avoid.core.calibration import Calibration, scaled
-from obst_avoid.core.detection.paper import detector as paper
-from obst_avoid.core.detection.robust import detector as robust
+from obst_avoid.core.detection.robust import detector as robust_detector
 from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.detection.robust.view import View, make_view
 from obst_avoid.core.detection.settings import DetectionSettings
@@ -67,10 +66,10 @@ def detect(
     alone = stamp is None or (detector.newest is not None and stamp < detector.newest)
     state = _nothing_seen(settings) if alone else detector.state
     if camera is None:
-        obstacles, state = paper.detect(picture, view, settings.paper, state, stamp, trace)
+        obstacles, state = _paper().detect(picture, view, settings.paper, state, stamp, trace)
         scene = Scene(obstacles)
     else:
-        scene, state = robust.detect(picture, view, camera, settings.robust, state, stamp, commands, trace)
+        scene, state = robust_detector.detect(picture, view, camera, settings.robust, state, stamp, commands, trace)
     return scene, replace(detector, view=view, camera=camera, state=state, newest=stamp)
 
 
@@ -79,4 +78,11 @@ def _camera(calibration: Calibration, settings: DetectionSettings) -> Optional[V
 
 
 def _nothing_seen(settings: DetectionSettings) -> Any:
-    return robust.RobustState() if settings.profile == 'robust' else paper.PaperState()
+    return robust_detector.RobustState() if settings.profile == 'robust' else _paper().PaperState()
+
+
+def _paper() -> Any:
+    """The profile paper, which alone needs scikit-image: 45 MB and half a second that robust can do without."""
+    from obst_avoid.core.detection.paper import detector
+
+    return detector
