@@ -2,7 +2,9 @@
 
 import _ctypes
 import functools
+import os
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Sequence, Tuple
@@ -24,6 +26,7 @@ from obst_avoid.core.detection.robust.channels import (
     channels_of,
     joined,
     opened,
+    tables_of,
 )
 from obst_avoid.core.detection.robust.features import NAMES, QUICK, measure, measure_all
 from obst_avoid.core.detection.robust.light import LINEAR, Light, estimate_light
@@ -46,6 +49,7 @@ CAMERAS = {
     'tele': Camera(focal=420.0, projection=(420.0, 420.0), distortion=(0.0,) * 5),
     'small': Camera().resized(176, 132),
 }
+LIGHT = Light((0.1, 0.1, 0.1))
 LIBRARY = native.LIBRARY
 needs_library = pytest.mark.skipif(LIBRARY is None, reason='the compiled path is not built: nothing to compare with')
 
@@ -390,6 +394,82 @@ def test_more_regions_than_there_is_room_for_are_left_out() -> None:
 
 
 @needs_library
+def test_pictures_of_more_rows_than_are_counted_have_the_same_regions() -> None:
+    """Rows of the compiled path are numbers of 16 bits."""
+    heights = np.zeros((CHANNELS, 33000, 3))
+    heights[:, 32790:32794] = 3
+    regions = same_regions(channels_from(heights), flat_view(33000, 3))
+    assert regions.table[:, AT['top']].tolist() == [32790] * CHANNELS
+
+
+@needs_library
+@pytest.mark.parametrize(
+    'rows, columns, fits', [(2184, 240, True), (2185, 240, False), (4096, 9, True), (4097, 9, False)]
+)
+def test_pictures_whose_sums_are_too_large_for_32_bits_are_left_to_numpy(rows: int, columns: int, fits: bool) -> None:
+    """A narrow camera picture that stands on end: at 4230 rows, those of one white region sum up to more than 2^31."""
+    heights, sums = np.full((1, rows, columns), 3, np.uint8), np.zeros((rows + 1, columns + 1, SUMS), np.int32)
+    found = native.regions(heights, sums, 1, (8, 2 * rows, 4 * rows, 4 * rows, 0), len(COLUMNS))
+    assert (found is not None) is fits
+    if found is not None:
+        assert found[0][:, [AT['area'], AT['sum_v']]].tolist() == [[rows * columns, rows * (rows - 1) // 2 * columns]]
+    tables = tables_of(LIGHT)
+    given = np.zeros((rows, columns, 3), np.uint8), tables.logarithms, tables.less, tables.steps, tables.light
+    assert (native.channels(*given) is not None) is fits
+    table, road = np.zeros((0, len(COLUMNS)), np.int32), np.ones((rows, columns), np.float32)
+    quick = native.quick(table, sums, 0, road, road, len(QUICK))
+    assert (quick is not None) is fits
+    values, place = np.zeros((0, len(QUICK)), np.float32), np.zeros((1, rows, columns), np.int32)
+    of = table, values, place, heights, sums, 0, road, road, np.zeros((0, 7)), (0.0,) * 6, len(NAMES)
+    assert (native.full(*of) is not None) is fits
+
+
+@needs_library
+@pytest.mark.parametrize('closing', [False, True])
+@pytest.mark.parametrize('band', [(0, 50, 3), (-9, 40, 3), (0, 41, 1), (-1, 40, 1), (30, 10, 3), (0, 40, 0)])
+def test_bands_beyond_the_picture_write_nothing_beyond_it(band: Tuple[int, int, int], closing: bool) -> None:
+    room = np.full((60, 30), 7, np.uint8)
+    height, bands = np.zeros((40, 30), np.uint8), np.array([band], np.int32)
+    assert not native.morphed(height, bands, closing, room[10:50])
+    assert (room == 7).all()
+
+
+@needs_library
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        lambda view, channels, regions: channels_of(np.zeros((view.height, view.width), np.uint8), LIGHT, view),
+        lambda view, channels, regions: channels_of(np.zeros((view.height, view.width, 4), np.uint8), LIGHT, view),
+        lambda view, channels, regions: channels_of(np.zeros((view.height, view.width, 3)), LIGHT, view),
+        lambda view, channels, regions: opened(channels.heights[0], view.opening.astype(np.int64), channels.heights[3]),
+        lambda view, channels, regions: opened(channels.heights[0], view.opening, channels.heights[3, :-1]),
+        lambda view, channels, regions: find_regions(replace(channels, heights=channels.heights[:3]), view),
+        lambda view, channels, regions: find_regions(replace(channels, heights=channels.heights[..., ::2]), view),
+        lambda view, channels, regions: find_regions(replace(channels, sums=channels.sums[:-1]), view),
+        lambda view, channels, regions: measure_all(replace(regions, table=regions.table[:, 1:]), channels, view),
+        lambda view, channels, regions: measure_all(regions, channels, replace(view, nearness=view.nearness[:-1])),
+        lambda view, channels, regions: measure_all(regions, channels, replace(view, bearing=view.bearing[:, ::2])),
+        lambda view, channels, regions: measure_all(regions, channels, replace(view, top=view.top + 1)),
+        lambda view, channels, regions: trees.summed(trees.shipped()['first'], np.zeros((9, len(NAMES)))),
+        lambda view, channels, regions: trees.summed(forest_of(5, 0), np.zeros((9, 16), np.float32)[:, ::2]),
+        lambda view, channels, regions: find_lines(np.zeros((480, 640), np.uint8), view.sampling, LIGHT.as_array()),
+        lambda view, channels, regions: find_lines(np.zeros((480, 640, 3)), view.sampling, LIGHT.as_array()),
+    ],
+    ids=[
+        *('a grey picture', 'a picture with alpha', 'a picture of numbers', 'wide bands', 'rows that are missing'),
+        *('few channels', 'every second column', 'sums of fewer rows', 'a narrow table', 'a low view', 'a narrow view'),
+        *('a view from further down', 'double precision', 'every second value', 'grey tape', 'tape of numbers'),
+    ],
+)
+def test_arrays_of_another_type_or_shape_are_refused(wrong: Callable[[View, Channels, Regions], Any]) -> None:
+    picture, view, light = seen('level', 'specks')
+    channels = channels_of(working_picture(picture, view), light, view)
+    regions = find_regions(channels, view)
+    with pytest.raises(ValueError, match='expected'):
+        wrong(view, channels, regions)
+
+
+@needs_library
 def test_no_regions_have_no_measurements() -> None:
     view, channels = flat_view(20, 30), channels_from(np.zeros((CHANNELS, 20, 30)))
     regions = same_regions(channels, view)
@@ -591,6 +671,26 @@ def test_pixels_at_the_pictures_last_row_and_column_are_sampled_alike() -> None:
 
 
 @needs_library
+def test_a_camera_that_sees_none_of_the_road_crosses_no_tape() -> None:
+    _, view = camera('level')
+    nothing = np.zeros(0, np.int32)
+    ground, whole = view.sampling.ground[:0], view.sampling.whole[:, :0]
+    sampling = replace(view.sampling, map_pixel=None, map_part=None, scan=nothing, ground=ground, whole=whole)
+    assert len(find_crossings(noise((640, 480)), sampling, LIGHT.as_array()).x) == 0
+
+
+@needs_library
+@pytest.mark.parametrize('width, height', [(640, 400), (500, 480), (320, 240)])
+def test_samples_that_a_picture_does_not_have_are_black_on_both_paths(width: int, height: int) -> None:
+    """A part of the camera's picture, with other things behind it in memory."""
+    _, view = camera('level')
+    room = noise((640, 480))
+    part = room.ravel()[: width * height * 3].reshape(height, width, 3)
+    part[:] = stripes((640, 480))[:height, :width]
+    same_crossings(part, view, Light((0.05, 0.05, 0.05)))
+
+
+@needs_library
 @pytest.mark.parametrize('up, down', [(21, 70), (70, 21), (33, 110), (24, 80)])
 def test_steps_as_uneven_as_they_may_be_are_tape_on_both_paths_or_on_neither(up: int, down: int) -> None:
     """Three to ten exactly, of sums of three grey values; in thirds of them that is a matter of rounding."""
@@ -648,6 +748,20 @@ def test_any_crossings_share_the_same_curves(kind: str) -> None:
     assert found > 15 or kind not in ('on curves', 'on a circle')
 
 
+@needs_library
+@pytest.mark.parametrize('count', [191, 192, 193, 400])
+def test_more_crossings_than_there_is_room_for_share_the_same_curves(count: int) -> None:
+    _, view = camera('level')
+    random = np.random.RandomState(count)
+    x = np.sort(random.uniform(0.15, 1.3, count))
+    y = random.choice([-0.1, 0.1, 0.25], count) + 0.0005 * random.randn(count)
+    row = np.searchsorted(np.geomspace(0.15, 1.3, lines.ROWS), x)
+    across, color = random.uniform(-0.06, 0.06, (count, 2)), random.uniform(0.1, 10, (count, 3))
+    compiled, other = both(lambda: lines.curves(Crossings(row, x, y, across, color), view.sampling.trials))
+    same_lines(compiled, other)
+    assert len(other) == 3
+
+
 LIMITS = (lines.LEAST_APART, lines.SHARPEST, lines.STEEPEST, lines.DENSITY, lines.LEAST_CROSSINGS)
 FIT = (
     *(lines.ERROR, lines.ERROR_GROWTH, lines.LEAST_ERROR, lines.LEAST_CROSSINGS, lines.LEAST_LENGTH),
@@ -680,6 +794,28 @@ def test_the_same_crossings_are_chosen_and_fitted(kind: str) -> None:
 
 
 @needs_library
+def test_trials_with_crossings_that_there_are_none_of_are_left_to_numpy() -> None:
+    x, y = np.linspace(0.2, 1.0, 30), np.zeros(30)
+    trials = np.random.RandomState(0).randint(0, 30, (3, 50))
+    of = x, y, np.arange(30), y + 0.01
+    assert native.curves(*of, trials, LIMITS, lines.MOST_LINES) is not None
+    for wrong in (-1, 30):
+        trials[2, -1] = wrong
+        assert native.curves(*of, trials, LIMITS, lines.MOST_LINES) is None
+    nothing = np.zeros(0)
+    assert native.curves(nothing, nothing, nothing, nothing, trials, LIMITS, lines.MOST_LINES) is None
+
+
+@needs_library
+def test_more_curves_than_there_is_room_for_are_left_to_numpy() -> None:
+    x, nothing = np.linspace(0.2, 1.0, 90), np.zeros(90)
+    chosen = np.arange(90) // 10 == np.arange(9)[:, None]
+    of = x, nothing, np.zeros((90, 2)), np.ones((90, 3)), nothing + 0.01
+    assert native.fitted(*of, chosen[:8].copy(), FIT) is not None
+    assert native.fitted(*of, chosen, FIT) is None
+
+
+@needs_library
 def test_without_curves_nothing_is_fitted_and_nothing_written() -> None:
     """chosen is the first, here no, rows of a larger array, as native.curves gives it."""
     x = np.linspace(0.2, 1.0, 30)
@@ -698,6 +834,7 @@ def test_without_curves_nothing_is_fitted_and_nothing_written() -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the package looks for its library, with none in it."""
     monkeypatch.setattr(obst_avoid, '__path__', [str(tmp_path)])
+    monkeypatch.setattr(sys, 'path', [path for path in sys.path if not os.path.isdir(os.path.join(path, 'obst_avoid'))])
     return tmp_path
 
 

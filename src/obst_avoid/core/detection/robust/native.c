@@ -1,8 +1,9 @@
 /* The compiled path of channels.py, regions.py, features.py and trees.py: the same numbers, found faster.
 
    Only what numpy and OpenCV cannot do without a loop over pixels, components or regions in Python. Names, shapes and
-   units are those of the Python modules; native.py calls. No global state; scratch memory is taken and given back in
-   each call. Functions that can run out of memory return -1 then. */
+   units are those of the Python modules; native.py calls, and sees to types and shapes. No global state; scratch memory
+   is taken and given back in each call. Functions that can run out of memory return -1 then. What is larger than they
+   have room for, or would make them look beyond what they are given, they return REFUSED for; numpy then does it. */
 
 #include <math.h>
 #include <stdint.h>
@@ -10,8 +11,10 @@
 #include <string.h>
 
 #define INTERFACE 1 /* of native.py; another number when what is passed changes */
+#define REFUSED -2
 #define RANGE 1024
 #define SUMS 8
+#define LARGEST 4096 /* rows or columns, or pixels of a band */
 
 typedef struct {
     int32_t channel, level, since, left, top, width, height, area, sum_u, sum_v, color[3], first, past, part;
@@ -22,6 +25,10 @@ static int clip(int value, int low, int high) { return value < low ? low : value
 
 int interface(void) { return INTERFACE; }
 
+/* Whether all sums over so many pixels stay below 2^31: each adds its row, its column or the strength of its edges, and
+   these are less than 2^12. */
+static int is_small(int rows, int width) { return rows <= LARGEST && width <= LARGEST && rows * width <= 1 << 19; }
+
 /* ---------------------------------------------------------------- channels */
 
 typedef int32_t four __attribute__((vector_size(16), aligned(4)));
@@ -31,6 +38,7 @@ typedef int32_t four __attribute__((vector_size(16), aligned(4)));
 int channels(const uint8_t *picture, int rows, int width, const int16_t *logarithms, const int16_t *less,
              const uint8_t *steps, const uint16_t *light, uint8_t *heights, int32_t *sums)
 {
+    if (!is_small(rows, width)) return REFUSED;
     const size_t plane = (size_t)rows * width;
     const int wide = width + 2;
     int16_t *bright = malloc((size_t)(rows + 2) * wide * sizeof *bright);
@@ -140,11 +148,15 @@ static void slid_down(uint8_t *data, int rows, int width, int pixels, int least)
 int morphed(const uint8_t *height, int rows, int width, const int32_t *bands, int count, int closing, uint8_t *result)
 {
     int largest = 1;
-    for (int i = 0; i < count; i++)
-        if (bands[3 * i + 2] > largest) largest = bands[3 * i + 2];
+    for (int i = 0; i < count; i++) {
+        const int first = bands[3 * i], past = bands[3 * i + 1], pixels = bands[3 * i + 2];
+        if (first < 0 || past < first || past > rows || pixels < 1 || pixels > LARGEST) return REFUSED;
+        if (pixels > largest) largest = pixels;
+    }
     const size_t size = (size_t)(rows + 2 * largest) * (width + 2 * largest);
-    uint8_t *one = malloc(2 * size), *two = one + size;
+    uint8_t *one = malloc(2 * size);
     if (!one) return -1;
+    uint8_t *two = one + size;
     for (int i = 0; i < count; i++) {
         const int first = bands[3 * i], past = bands[3 * i + 1], pixels = bands[3 * i + 2], half = pixels / 2;
         if (pixels == 1) {
@@ -370,6 +382,7 @@ static void of_node(const Node *node, int32_t *six)
 int regions(const uint8_t *heights, const int32_t *sums, int rows, int width, int count, const int32_t *limits,
             int32_t *place, Region *table, int most)
 {
+    if (!is_small(rows, width)) return REFUSED;
     const size_t plane = (size_t)rows * width;
     Forest f;
     int16_t *ends = malloc((width + 8) * sizeof *ends);
@@ -480,6 +493,7 @@ static float *compared(float *out, const int32_t *larger, const Region *r)
 int quick(const Region *table, int count, const int32_t *sums, const View *view, float *out)
 {
     const int width = view->width, rows = view->rows;
+    if (!is_small(rows, width)) return REFUSED;
     for (const Region *r = table; r < table + count; r++) {
         const Road road = on_road(r, view);
         const int x = r->left, y = r->top, w = r->width, h = r->height;
@@ -616,6 +630,7 @@ int full(const Region *table, int count, const float *values, const int32_t *pla
          const int32_t *sums, const View *view, const double *lines, int line_count, const double *limits, float *out)
 {
     const double most = limits[3], even = limits[4];
+    if (!is_small(view->rows, view->width)) return REFUSED;
     double cells[AROUND_CELLS * AROUND_CELLS * SUMS];
     for (int n = 0; n < count; n++) {
         const Region *r = table + n;
@@ -644,12 +659,12 @@ int full(const Region *table, int count, const float *values, const int32_t *pla
 /* ------------------------------------------------------------------- trees */
 
 typedef struct {
-    int16_t feature, left, right; /* a leaf leads to itself */
-    int16_t depth;                /* of a root: steps that reach every leaf */
-    float value;                  /* smaller ones go left; of a leaf what it adds */
+    int16_t feature, next[2]; /* left, right; a leaf leads to itself */
+    int16_t depth;            /* of a root: steps that reach every leaf */
+    float value;              /* smaller ones go left; of a leaf what it adds */
 } TreeNode;
 
-#define TOGETHER 4 /* rows on their way down a tree at the same time: a step waits for memory */
+#define TOGETHER 12 /* rows on their way down a tree at the same time: a step waits for memory */
 
 /* nodes: (trees, size). stages: trees after which a sum below hopeless ends a row. total: (count), base at first. */
 int summed(const TreeNode *nodes, int trees, int size, const int32_t *stages, const float *hopeless, int stage_count,
@@ -671,7 +686,7 @@ int summed(const TreeNode *nodes, int trees, int size, const int32_t *stages, co
                 for (int step = 0; step < root->depth; step++)
                     for (int k = 0; k < TOGETHER; k++) {
                         const int lower = row[k][node[k]->feature] < node[k]->value;
-                        node[k] = root + (lower ? node[k]->left : node[k]->right);
+                        node[k] = root + node[k]->next[!lower]; /* no branch: which way is anybody's guess */
                     }
                 for (int k = 0; k < TOGETHER && i + k < left; k++) total[going[i + k]] += node[k]->value;
             }
@@ -708,6 +723,10 @@ int tapes(const uint8_t *picture, int width, int height, const int16_t *pixel, c
 {
     const double least = limits[0], noise_factor = limits[1], evenness = limits[2], local = limits[3];
     const int longest = limits[4];
+    int inside = 0; /* negative when one of the pixels is in no column or row of the picture */
+    for (int i = 0; i < count; i++)
+        inside |= pixel[2 * i] | (width - 1 - pixel[2 * i]) | pixel[2 * i + 1] | (height - 1 - pixel[2 * i + 1]);
+    if (inside < 0) return REFUSED;
     uint8_t *grey = malloc(count + 8);
     int16_t *change = calloc(count + 8, sizeof *change);
     if (!grey || !change) {
@@ -750,24 +769,30 @@ int tapes(const uint8_t *picture, int width, int height, const int16_t *pixel, c
     return found;
 }
 
+#define MOST_CROSSINGS 192 /* 64 to a word */
+#define WORDS (MOST_CROSSINGS / 64)
+
 typedef struct {
-    uint64_t near[3], beside[3];
+    uint64_t near[WORDS], beside[WORDS];
     double gaps;
 } Curve;
 
 static int counted(const uint64_t *a, const uint64_t *b)
 {
     int count = 0;
-    for (int i = 0; i < 3; i++) count += __builtin_popcountll(a[i] & b[i]);
+    for (int i = 0; i < WORDS; i++) count += __builtin_popcountll(a[i] & b[i]);
     return count;
 }
 
-/* Which crossings, at most 192, the curves share that most crossings lie on. trials: (3, tries) numbers of crossings.
-   limits: LEAST_APART, SHARPEST, STEEPEST, DENSITY, LEAST_CROSSINGS. chosen: (most, count), one row a curve. */
+/* Which crossings, at most MOST_CROSSINGS, the curves share that most crossings lie on. trials: (3, tries) numbers of
+   crossings. limits: LEAST_APART, SHARPEST, STEEPEST, DENSITY, LEAST_CROSSINGS. chosen: (most, count), a row a curve. */
 int curves(const double *x, const double *y, const int64_t *row, const double *tolerance, int count, const int32_t *trials,
            int tries, const double *limits, uint8_t *chosen, int most)
 {
     const double apart = limits[0] * limits[0];
+    if (count > MOST_CROSSINGS) return REFUSED;
+    for (int t = 0; t < 3 * tries; t++)
+        if (trials[t] < 0 || trials[t] >= count) return REFUSED;
     Curve *tried = malloc(tries * sizeof *tried);
     if (!tried) return -1;
     int good = 0;
@@ -797,7 +822,8 @@ int curves(const double *x, const double *y, const int64_t *row, const double *t
         curve->gaps = first < 0 ? 0 : limits[3] * (row[last] - row[first]);
         good++;
     }
-    uint64_t left[3] = {~0ull, ~0ull, ~0ull};
+    uint64_t left[WORDS];
+    memset(left, 255, sizeof left);
     int found = 0;
     while (found < most && good) {
         int best = 0;
@@ -808,7 +834,7 @@ int curves(const double *x, const double *y, const int64_t *row, const double *t
         }
         if (counted(tried[best].near, left) < limits[4]) break;
         for (int n = 0; n < count; n++) chosen[found * count + n] = (tried[best].near[n / 64] & left[n / 64]) >> n % 64 & 1;
-        for (int i = 0; i < 3; i++) left[i] &= ~tried[best].beside[i];
+        for (int i = 0; i < WORDS; i++) left[i] &= ~tried[best].beside[i];
         found++;
     }
     free(tried);
@@ -868,7 +894,8 @@ int fitted(const double *x, const double *y, const double *across, const double 
            uint8_t *chosen, int curve_count, const double *limits, Line *lines, int32_t *numbers, int32_t *sizes)
 {
     double inverse[MOST_CURVES][9], values[MOST_CURVES][3], scale[MOST_CURVES];
-    if (curve_count < 1 || curve_count > MOST_CURVES) return 0;
+    if (curve_count > MOST_CURVES) return REFUSED;
+    if (curve_count < 1) return 0;
     double *beside = malloc(((size_t)curve_count + 1) * (count + 1) * sizeof *beside);
     if (!beside) return -1;
     double *sorted = beside + (size_t)curve_count * count;
