@@ -194,7 +194,7 @@ def find_lines(picture: Array, sampling: LineSampling, road: Array) -> List[Line
 def find_crossings(picture: Array, sampling: LineSampling, road: Array) -> Crossings:
     """Where scans cross tape: a step up and a step down of brightness, a tape's width apart. Arguments as above."""
     road = np.maximum(np.asarray(road, dtype=np.float64).ravel(), 1e-5)
-    if not np.isfinite(road).all():
+    if not len(sampling.scan) or not np.isfinite(road).all():  # no road in sight, or no light
         return Crossings(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)))
     _, green, red = 256 * road ** (1 / 2.2)
     share = round(256 * green / (green + red))  # the strong channel is the clear one

@@ -163,8 +163,6 @@ def tapes(
         return None
     count, (height, width) = len(sampling.scan), picture.shape[:2]
     edges, colors = np.empty((2, count)), np.empty((count, 3))
-    if not count:  # cv2.convertMaps makes None of no maps
-        return edges[0], edges[1], colors
     picture = np.ascontiguousarray(picture)
     _expect(picture, BYTE, height, width, 3)
     _expect(sampling.map_pixel, SHORT, 1, count, 2)
