@@ -206,12 +206,34 @@ def made_up(random: np.random.RandomState, count: int, columns: int = len(NAMES)
     ignored = random.rand(count) < 0.2
     thing = (values[:, 0] > 0.8) != ignored
     return Samples(
-        'a', 'a.jpg', 0, values, np.where(thing, 0.8, 0.0), thing, ignored,
+        'a', 'a.jpg', 0, values, np.where(thing, np.arange(count) % 3, -1), np.where(thing, 0.8, 0.0), thing, ignored,
         cone=thing & ((values[:, 1] > 0) != ignored),
         foot=np.where(thing, np.where(ignored, -1, 1) * 0.2 * np.tanh(values[:, 2]), np.nan),
         radius=np.where(thing, np.where(ignored, -1, 1) * 0.5 * np.tanh(values[:, 3]), np.nan),
         box=np.zeros((count, 4)),
     )  # fmt: skip
+
+
+@growing
+def test_a_thing_of_many_regions_counts_less_a_region() -> None:
+    from obst_avoid.offline.training import fit
+
+    number, thing = np.array([0, 0, -1, 0, 1, 0, 1]), np.array([1, 1, 0, 1, 1, 1, 0], bool)
+    weights = fit._weights(number, thing)
+    np.testing.assert_allclose(weights, np.array([0.5, 0.5, 0.6, 0.5, 1, 0.5, 0.6]) / 0.6)
+    np.testing.assert_allclose(fit._weights(np.array([-1, -1]), np.zeros(2, bool)), [1, 1])
+
+
+@growing
+def test_things_are_numbered_over_all_pictures() -> None:
+    from obst_avoid.offline.training import fit
+
+    pictures = [made_up(np.random.RandomState(0), count) for count in (30, 40)]
+    used = [np.arange(30) % 2 == 0, np.ones(40, bool)]
+    number = fit._numbered(pictures, used)
+    assert_equal = np.testing.assert_array_equal
+    assert_equal(number[:15], pictures[0].thing[::2])
+    assert_equal(number[15:], np.where(pictures[1].thing < 0, -1, pictures[1].thing + 3))
 
 
 @growing

@@ -53,7 +53,8 @@ def grown(samples: Sequence[Samples], threads: int) -> Dict[str, Forest]:
     true = [things(item) for item in samples]
     used = [same | other for same, other in zip(true, _others(samples, true))]
     values, thing = _of(samples, 'values', used), _rows(true, used)
-    judgement = _boosted('binary:logistic', values, thing, TREES, threads, **GROWING)
+    weights = _weights(_numbered(samples, used), thing)
+    judgement = _boosted('binary:logistic', values, thing, TREES, threads, weights, **GROWING)
     values = values[thing]
     cone, foot, radius = (_of(samples, name, true) for name in ('cone', 'foot', 'radius'))
 
@@ -73,6 +74,27 @@ def things(item: Samples) -> Array:
     """(N,) bool: which regions of a picture teach what a thing looks like."""
     chosen: Array = (item.overlap >= SAME) & ~item.ignored
     return chosen
+
+
+def _numbered(samples: Sequence[Samples], chosen: Sequence[Array]) -> Array:
+    """(N,) int of the chosen rows of all samples: which thing of all pictures each is most alike, -1 none."""
+    numbers, before = [np.zeros(0, dtype=np.int64)], 0
+    for item, rows in zip(samples, chosen):
+        numbers.append(np.where(item.thing[rows] < 0, -1, item.thing[rows] + before))
+        before += int(item.thing.max()) + 1
+    return np.concatenate(numbers)
+
+
+def _weights(number: Array, thing: Array) -> Array:
+    """(N,) A near thing has dozens of regions, a far one three: counted alike, what is hard to see hardly counts.
+
+    number: of _numbered. thing: (N,) bool. Together things weigh as much as they are regions.
+    """
+    weights = np.ones(len(thing))
+    regions = np.bincount(number[thing], minlength=1)
+    weights[thing] = 1 / np.sqrt(regions[number[thing]])
+    weights[thing] *= thing.sum() / max(weights[thing].sum(), 1e-9)
+    return weights
 
 
 def _others(samples: Sequence[Samples], true: Sequence[Array]) -> List[Array]:
@@ -137,7 +159,13 @@ def write(forests: Dict[str, Forest], path: str) -> None:
 
 
 def _boosted(
-    objective: str, values: Array, target: Array, trees: int, threads: int, **changes: Any
+    objective: str,
+    values: Array,
+    target: Array,
+    trees: int,
+    threads: int,
+    weights: Optional[Array] = None,
+    **changes: Any,
 ) -> 'xgboost.Booster':
-    data = xgboost.DMatrix(values, target.astype(np.float32))
+    data = xgboost.DMatrix(values, target.astype(np.float32), weight=weights)
     return xgboost.train({**FEW, 'objective': objective, 'nthread': threads, **changes}, data, trees)

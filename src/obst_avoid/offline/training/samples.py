@@ -65,15 +65,17 @@ class Thing:
 class Samples:
     """N regions of one picture.
 
-    values: (N, F) float32, of measure_all or of measure. overlap: (N,) intersection over union with the thing most
-    alike. touches: (N,) bool, lies on a labelled thing somehow. ignored: (N,) bool. cone: (N,) bool. foot, radius: (N,)
-    targets of the forests of these names, NaN where not known. box: (N, 4) [px].
+    values: (N, F) float32, of measure_all or of measure. thing: (N,) int, number of the one most alike, -1 where there
+    is none. overlap: (N,) intersection over union with it. touches: (N,) bool, lies on a labelled thing somehow.
+    ignored: (N,) bool. cone: (N,) bool. foot, radius: (N,) targets of the forests of these names, NaN where not known.
+    box: (N, 4) [px].
     """
 
     group: str
     picture: str
     copy: int
     values: Array
+    thing: Array
     overlap: Array
     touches: Array
     ignored: Array
@@ -159,6 +161,7 @@ def samples_of(
         str(picture['file_name']),
         copy,
         values,
+        which,
         overlap,
         touches,
         on_ignored,
