@@ -23,7 +23,7 @@ from unit.drawn import Scene, Thing
 from obst_avoid import msg as messages
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
-from obst_avoid.core.detection.robust import trees
+from obst_avoid.core.detection.robust import native, trees
 from obst_avoid.core.detection.robust.features import NAMES
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.types import Box, Command, Kind, LanePose, Obstacle, Stamped
@@ -739,6 +739,11 @@ def test_the_demo_on_a_folder_of_pictures(tmp_path: Path) -> None:
     assert 'stops' in ended.output
 
 
+def test_the_compiled_path_is_built() -> None:
+    """Without it everything passes, by numpy, and no robot is fast enough."""
+    assert native.LIBRARY is not None
+
+
 def test_bench(tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     threads = cv2.getNumThreads()
     monkeypatch.setattr(bench_run_bag, 'PICTURES', 30)
@@ -836,6 +841,25 @@ def test_without_opengl(
     assert module.main(arguments) == 1
     assert 'OpenGL is not to be had' in sentence(module.__name__.split('.')[-1])
     assert not (tmp_path / 'x.bag').exists()
+
+
+def test_bench_of_a_picture_that_is_cut_off(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / 'cut.jpg').write_bytes(jpeg_of()[:-5000])
+    assert bench.main(['--output', str(tmp_path / 'bench.json'), str(tmp_path / 'cut.jpg')]) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith('bench: %s: the picture of ' % (tmp_path / 'cut.jpg'))
+    assert not (tmp_path / 'bench.json').exists()
+
+
+def test_bench_keeps_what_it_has_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def measure(options: Any, calibration: Any, pictures: Any, result: Dict[str, Any]) -> None:
+        result['pictures'] = options.count
+        raise ToolError('the graph does not answer')
+
+    monkeypatch.setattr(bench, '_measure', measure)
+    (tmp_path / 'a.jpg').write_bytes(jpeg_of())
+    assert bench.main(['--count', '3', '--output', str(tmp_path / 'bench.json'), str(tmp_path / 'a.jpg')]) == 1
+    assert json.loads((tmp_path / 'bench.json').read_text()) == {'pictures': 3}
 
 
 def test_bench_of_nothing(capsys: pytest.CaptureFixture) -> None:

@@ -635,6 +635,22 @@ def test_other_yaml_is_refused(content: Any, words: str) -> None:
             },
             id='no box',
         ),
+        *(
+            pytest.param(
+                {
+                    'categories': [{'id': 1, 'name': 'duckie'}],
+                    'images': [{'id': 1, 'file_name': 'a.jpg', 'width': 640, 'height': 480}],
+                    'annotations': [{'id': 1, 'image_id': 1, 'category_id': 1, 'bbox': [1, 2, 3, 4], **changes}],
+                },
+                id=name,
+            )
+            for name, changes in (
+                ('a box of three', {'bbox': [1, 2, 3]}),
+                ('a radius without a place', {'radius': 0.03}),
+                ('no radius to speak of', {'x': 1, 'y': 0, 'radius': 0}),
+                ('a radius in words', {'x': 1, 'y': 0, 'radius': 'x'}),
+            )
+        ),
     ],
 )
 def test_labels_that_are_none_are_refused(content: Any, tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """core.detection.robust.judgement: which regions are things, with forests that say what the test wants."""
 
+from __future__ import annotations  # the robot's pytest does not export its fixtures' types
+
 import math
 from dataclasses import replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple

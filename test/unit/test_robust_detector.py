@@ -1,5 +1,7 @@
 """core.detection.robust: the simulation's pictures in, obstacles and our lane out, compared with the truth."""
 
+from __future__ import annotations  # the robot's pytest does not export its fixtures' types
+
 import math
 from dataclasses import fields, replace
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple

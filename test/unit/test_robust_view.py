@@ -1,5 +1,7 @@
 """core.detection.robust.view: where each pixel of the working picture lies on the road."""
 
+from __future__ import annotations  # the robot's pytest does not export its fixtures' types
+
 import math
 from dataclasses import replace
 from typing import Tuple

@@ -16,7 +16,8 @@ import numpy as np
 
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import Calibration
-from obst_avoid.core.picture import decode_jpeg, encode_jpeg
+from obst_avoid.core.detection.robust import native
+from obst_avoid.core.picture import PictureError, decode_jpeg, encode_jpeg
 from obst_avoid.offline import tool
 from obst_avoid.offline.bench_graph import bench_graph
 from obst_avoid.offline.bench_run_bag import bench_run_bag
@@ -52,7 +53,7 @@ WORDS = {
 LAST = {'paper': 'position, radius, search line, boxes', 'robust': 'sides, tracker, boxes'}
 PROFILES = ('robust', 'paper')
 BLOBS = (0, 3, 30, 100, 300)
-SIZES = ((320, 240), (640, 480), (960, 720), (1280, 960))
+WIDTHS = (320, 640, 960, 1280)
 GAIN, OFFSET = (1.2, 1.1, 1.0), (-8.0, -4.0, 0.0)
 """Some colour correction; how it is applied takes the time, not which."""
 COLD = """
@@ -96,7 +97,10 @@ def main(arguments: Any = None) -> int:
 
 
 def _seconds(value: str) -> float:
-    number = float(value)
+    try:
+        number = float(value)
+    except ValueError:
+        number = -1.0
     if not 0 <= number <= 86400:
         raise argparse.ArgumentTypeError('%s, expected 0 to 86400 (s)' % value)
     return number
@@ -104,16 +108,37 @@ def _seconds(value: str) -> float:
 
 def _main(options: argparse.Namespace) -> int:
     before = _earlier(options.compare) if options.compare else None
+    if options.output:
+        os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
+        tool.writable(options.output)
     if options.paths:
         calibration = tool.calibration_of(options)
-        pictures = [read_jpeg(path) for path in tool.picture_files(options.paths)[: options.count]]
+        pictures = [_sound(path) for path in tool.picture_files(options.paths)[: options.count]]
     else:
         calibration = tool.default_calibration()
         pictures = _rendered(calibration)
+    result: Dict[str, Any] = {}
+    try:
+        _measure(options, calibration, pictures, result)
+    finally:  # what was measured is kept, whatever fails after it
+        if options.output and result:
+            with open(options.output, 'w', encoding='utf-8') as file:
+                json.dump(result, file, indent=1)
+    if before is not None:
+        _print_comparison(before, result)
+    return 0
+
+
+def _measure(
+    options: argparse.Namespace, calibration: Calibration, pictures: List[bytes], result: Dict[str, Any]
+) -> None:
+    """Part by part into result, what is quick first."""
     settings = tool.detection_settings(options)
     detectors = {name: detection.start(calibration, replace(settings, profile=name)) for name in PROFILES}
     repeated = [pictures[i % len(pictures)] for i in range(WARM_UP + options.count)]
-    result: Dict[str, Any] = {'pictures': options.count, 'opencv': cv2.__version__, 'threads': {}}
+    result.update(pictures=options.count, opencv=cv2.__version__, compiled=native.LIBRARY is not None, threads={})
+    if not result['compiled']:
+        print('the compiled path of robust is not built: numpy does the work')
     for threads in sorted({1, cv2.getNumThreads()}):
         cv2.setNumThreads(threads)
         figures = result['threads'].setdefault(str(threads), {})
@@ -131,13 +156,16 @@ def _main(options: argparse.Namespace) -> int:
     result['run_bag'] = bench_run_bag(options, pictures)
     if options.graph_seconds:
         result['graph'] = bench_graph(options, pictures)
-    if options.output:
-        os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
-        with open(options.output, 'w', encoding='utf-8') as file:
-            json.dump(result, file, indent=1)
-    if before is not None:
-        _print_comparison(before, result)
-    return 0
+
+
+def _sound(path: str) -> bytes:
+    """A JPEG file that can be decoded. Raises ToolError."""
+    jpeg = read_jpeg(path)
+    try:
+        decode_jpeg(jpeg)
+    except PictureError as error:
+        raise tool.ToolError('%s: %s' % (path, error)) from error
+    return jpeg
 
 
 def _earlier(path: str) -> Dict[str, Any]:
@@ -226,7 +254,7 @@ def _by_sizes(detector: detection.Detector, jpeg: bytes, count: int) -> Dict[str
     """[ms] medians of decoding and of the rest, by the picture's size."""
     picture, result = decode_jpeg(jpeg), {}
     print('\nrobust, median ms, by size             decoding    after      x')
-    for size in SIZES:
+    for size in ((width, round(width * picture.shape[0] / picture.shape[1])) for width in WIDTHS):
         jpegs = [encode_jpeg(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))] * (WARM_UP + count)
         figures = _all_figures(_times(detector, jpegs))
         decode, total = figures[DECODE]['median_ms'], figures[TOTAL]['median_ms']

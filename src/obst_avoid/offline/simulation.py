@@ -85,7 +85,8 @@ def film_of(frames: Sequence[Frame], scenario: Scenario, view: BirdView, title: 
         if index % every and index != len(frames) - 1:
             continue
         pairs = zip(scenario.obstacles, frame.world.actors)
-        things = [place(item, scenario, actor.left) for item, actor in pairs if actor.here]
+        placed = [place(item, scenario, actor.left) for item, actor in pairs if actor.here]
+        things = [thing for thing in placed if thing.kind is not None]  # as obstacles_of
         found = obstacles_of(things, scenario.town, scenario.route, frame.world.along, pose)
         standing = [(thing.x, thing.y, obstacle.in_lane) for thing, obstacle in zip(things, found)]
         shot = Shot(

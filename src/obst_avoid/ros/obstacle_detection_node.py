@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from obst_avoid.core import detection
 from obst_avoid.core.age import age
 from obst_avoid.core.calibration import CalibrationError, scaled
+from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import PictureError
@@ -42,6 +43,8 @@ class DetectionNode:
         settings = self._settings
         calibration = node.calibration_of(settings.veh, settings.calibration_dir, settings.allow_default_calibration)
         self._detector = detection.start(calibration, settings)
+        if settings.profile == 'robust' and native.LIBRARY is None:
+            rospy.logwarn('%s: native.c is not built, so each picture takes some 20 times as long', rospy.get_name())
         self._messages = find_messages(settings.msgs_package)
         self._lock = threading.Lock()
         self._commands: Tuple[Stamped[Command], ...] = ()

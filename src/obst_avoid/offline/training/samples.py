@@ -114,6 +114,11 @@ def read_labels(dataset: Dataset) -> List[Tuple[Dict[str, Any], List[Dict[str, A
         for annotation in content['annotations']:
             box = [float(value) for value in annotation['bbox']]
             category = names[annotation['category_id']]
+            place = {name: float(annotation[name]) for name in ('x', 'y', 'radius') if name in annotation}
+            if len(box) != 4 or len(place) not in (0, 3) or place.get('radius', 1.0) <= 0:
+                raise ValueError(
+                    'annotation %s needs 4 numbers in bbox, and x, y, radius > 0 or none' % annotation['id']
+                )
             of_picture[annotation['image_id']].append(dict(annotation, bbox=box, category=category))
         return [(item, of_picture[item['id']]) for item in content['images']]
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -117,7 +117,7 @@ def joined(height: Array, bands: Array, result: Array) -> None:
 
 
 def _by_numpy(rows: Array, tables: Tables) -> Tuple[Array, Array]:
-    """heights, but for WIDE, WIDER and JOINED, and sums."""
+    """heights, but for WIDE and JOINED, and sums."""
     blue, green, red = (tables.logarithms[i][rows[..., i]].astype(np.int32) for i in range(3))
     bright = (green + red) >> 1
     colors = bright, green - red, blue - bright

@@ -1,4 +1,4 @@
-/* The compiled path of channels.py, regions.py, features.py and trees.py: the same numbers, found faster.
+/* The compiled path of channels.py, regions.py, features.py, trees.py and lines.py: the same numbers, found faster.
 
    Only what numpy and OpenCV cannot do without a loop over pixels, components or regions in Python. Names, shapes and
    units are those of the Python modules; native.py calls, and sees to types and shapes. No global state; scratch memory
@@ -625,7 +625,7 @@ static float *beside_lines(const Region *r, const View *view, const double *line
 }
 
 /* table: (count) chosen regions. values: (count, QUICK). lines: (line_count, 7). limits: OWN_GROWN, GROWN, AROUND,
-   DIFFERENCE, EVEN, NO_LINE. out: (count, columns). */
+   DIFFERENCE, EVEN, NO_LINE. out: (count, 427). */
 int full(const Region *table, int count, const float *values, const int32_t *place, const uint8_t *heights,
          const int32_t *sums, const View *view, const double *lines, int line_count, const double *limits, float *out)
 {

@@ -18,8 +18,6 @@ from obst_avoid.core.types import Array
 
 MOST = 1 << 15
 """Regions of one picture that are looked at: a picture of nothing but noise has half as many."""
-
-
 INTERFACE = 1
 """Of native.c; another number when what is passed changes."""
 REFUSED = -2
@@ -28,6 +26,9 @@ REGION, QUICK, FULL, SUMS, RANGE = 28, 37, 427, 8, 1024
 """Numbers in its Region, in rows of what quick and full measure, of a pixel in sums; steps of logarithms."""
 BYTE, SHORT, WORD, INT, LONG = (np.dtype(name) for name in ('uint8', 'int16', 'uint16', 'int32', 'int64'))
 BOOL, FLOAT, DOUBLE = (np.dtype(name) for name in ('bool', 'float32', 'float64'))
+NODE = np.dtype([(name, SHORT) for name in ('feature', 'left', 'right', 'depth')] + [('value', FLOAT)])
+"""Of a tree. feature: column of features.NAMES. left, right: nodes; of a leaf itself. depth: of a root, steps that
+reach every leaf. value: smaller ones go left; of a leaf what it adds."""
 
 
 def _load() -> Optional[Any]:
@@ -142,12 +143,12 @@ def full(
 
 
 def summed(nodes: Array, stages: Array, hopeless: Array, values: Array, base: float) -> Optional[Array]:
-    """trees.summed. nodes: (T, K) trees.NODE."""
+    """trees.summed. nodes: (T, K) NODE."""
     if LIBRARY is None:
         return None
     total = np.full(len(values), base, dtype=np.float32)
     trees, size = nodes.shape
-    _expect(nodes, nodes.dtype, trees, size)
+    _expect(nodes, NODE, trees, size)
     _expect(stages, INT, len(stages))
     _expect(hopeless, FLOAT, len(stages))
     _expect(values, FLOAT, *values.shape)

@@ -16,14 +16,12 @@ import numpy as np
 
 from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.robust.features import NAMES, QUICK
+from obst_avoid.core.detection.robust.native import NODE
 from obst_avoid.core.settings import SettingsError
 from obst_avoid.core.types import Array
 
 FILE = os.path.join(os.path.dirname(__file__), 'trees.npz')
 FORESTS = ('first', 'thing', 'cone', 'foot', 'radius')
-NODE = np.dtype([(name, np.int16) for name in ('feature', 'left', 'right', 'depth')] + [('value', np.float32)])
-"""feature: column of NAMES. left, right: nodes; of a leaf itself. depth: of a root, steps that reach every leaf. value:
-smaller ones go left; of a leaf what it adds."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays: the same object or another
