@@ -120,8 +120,10 @@ class Graph(Prepared):
         standing = [msg.v for msg in self.commands if first + late < nanoseconds(msg) < last]
         self.assertGreaterEqual(len(standing), 10)
         self.assertEqual(set(standing), {0.0})
-        _, first, last = states[at + 1]
-        driving = [msg.v for msg in self.commands if first + late < nanoseconds(msg) < last]
+        released, last = states[at][2], max(nanoseconds(msg) for msg in self.controls)
+        driving = [
+            msg.v for msg in self.commands if released + late < nanoseconds(msg) < last
+        ]  # past the next one, too
         self.assertGreaterEqual(len(driving), 10)
         self.assertGreater(sorted(driving)[len(driving) // 2], 0.1)
         before = [msg.v for msg in self.commands if nanoseconds(msg) < states[at][1]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # the robot's pytest does not export its fixtures' types
 
+import contextlib
 import itertools
 import json
 import os
@@ -10,7 +11,7 @@ import sqlite3
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List
+from typing import Any, Callable, Dict, Iterator, List, Tuple
 
 import pytest
 import rosbag
@@ -90,6 +91,24 @@ def finished(output: Path) -> Dict[str, bytes]:
         return {}
     finally:
         store.close()
+
+
+def interrupted(call: List[str], output: Path) -> Tuple[int, str]:
+    """Exit code and what was said of an evaluation that Ctrl-C reaches as soon as a task is finished."""
+    process = subprocess.Popen(
+        [sys.executable, SCRIPT, *call, '--jobs', '2'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        wait_for(lambda: finished(output) or process.poll() is not None, LIMIT, 'a finished task')
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: the workers get it, too
+        errors = process.communicate(timeout=LIMIT)[1].decode()
+    finally:
+        process.kill()
+    return process.returncode, errors
 
 
 def labelled(**fields: Any) -> Any:
@@ -628,22 +647,14 @@ class TestInParallel:
     def test_interrupted_and_continued(
         self, drawn: Path, whole: Any, tmp_path: Path, capsys: pytest.CaptureFixture
     ) -> None:
-        output = tmp_path / 'out'
-        call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(output), str(drawn / 'pictures')]
-        process = subprocess.Popen(
-            [sys.executable, SCRIPT, *call, '--jobs', '2'],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-        try:
-            wait_for(lambda: finished(output) or process.poll() is not None, LIMIT, 'a finished task')
-            os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: the workers get it, too
-            errors = process.communicate(timeout=LIMIT)[1].decode()
-        finally:
-            process.kill()
+        for attempt in 'abc':  # this process may be the last that a busy machine wakes: then the work is done already
+            output = tmp_path / attempt
+            call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(output), str(drawn / 'pictures')]
+            code, errors = interrupted(call, output)
+            if code:
+                break
         before = finished(output)
-        assert process.returncode == 1, errors
+        assert code == 1, errors
         assert 'evaluate: interrupted' in errors
         assert 'Traceback' not in errors
         assert 0 < len(before) < 6
