@@ -100,9 +100,52 @@ QUARTER = math.pi / 2
         pytest.param(
             LanePose(0.02, 0.1), (0.5, 0.0), (0.5 * math.cos(0.1), 0.02 + 0.5 * math.sin(0.1)), id='turned a little'
         ),
-        pytest.param(LanePose(0.02, 0.0, 5.0), (0.5, 0.1), (0.5, 0.12), id='the bend is left out'),
+        pytest.param(LanePose(0.05, 0.3, 2.0), (0.0, 0.0), (0.0, 0.05), id='the robot itself, in a left bend'),
+        pytest.param(LanePose(0.05, 0.3, -2.0), (0.0, 0.0), (0.0, 0.05), id='the robot itself, in a right bend'),
+        pytest.param(LanePose(0, 0, 2.0), (0.5, 0.5), (QUARTER / 2, 0.0), id='a quarter of a left bend on'),
+        pytest.param(LanePose(0, 0, -2.0), (0.5, -0.5), (QUARTER / 2, 0.0), id='a quarter of a right bend on'),
+        pytest.param(LanePose(0, 0, 2.0), (-0.5, 0.5), (-QUARTER / 2, 0.0), id='a quarter of a left bend back'),
+        pytest.param(LanePose(0, 0, 2.0), (0.3, 0.5), (QUARTER / 2, 0.2), id='on the inner side of a left bend'),
+        pytest.param(LanePose(0, 0, -2.0), (0.3, -0.5), (QUARTER / 2, -0.2), id='on the inner side of a right bend'),
+        pytest.param(LanePose(0, 0, 2.0), (0.7, 0.5), (QUARTER / 2, -0.2), id='on the outer side of a left bend'),
+        pytest.param(LanePose(0, 0, -2.0), (0.7, -0.5), (QUARTER / 2, 0.2), id='on the outer side of a right bend'),
+        pytest.param(LanePose(0.1, 0, 2.0), (0.5, 0.4), (QUARTER / 2, 0.0), id='seen from the left'),
+        pytest.param(LanePose(0, QUARTER, 2.0), (0.5, -0.5), (QUARTER / 2, 0.0), id='seen by a robot that is turned'),
+        pytest.param(
+            LanePose(0.02, 0.0, 2.0),
+            (0.4, 0.0),
+            (math.atan2(0.4, 0.48) / 2, 0.5 - math.hypot(0.4, 0.48)),
+            id='straight on, the lane bends away to the left',
+        ),
     ],
 )
 def test_points_of_the_robot_in_the_lane(pose: LanePose, robot: Tuple[float, float], lane: Tuple[float, float]) -> None:
     assert lane_from_robot(robot[0], robot[1], pose) == pytest.approx(lane, abs=1e-12)
     assert robot_from_lane(lane[0], lane[1], pose) == pytest.approx(robot, abs=1e-12)
+
+
+@pytest.mark.parametrize('curvature', [2.4, -5.9, 0.1, -1e-3, 0.0])
+@pytest.mark.parametrize('pose', [(0.0, 0.0), (0.03, 0.2), (-0.05, -0.4)])
+def test_the_lanes_centre_is_driven_at_a_steady_turn(pose: Tuple[float, float], curvature: float) -> None:
+    # an independent reckoning: from the point of the centre beside the robot, small chords of a circle
+    d, phi = pose
+    x, y, heading, step = d * math.sin(-phi), -d * math.cos(-phi), -phi, 1e-3
+    for count in range(1, 301):
+        heading += curvature * step / 2
+        x, y = x + step * math.cos(heading), y + step * math.sin(heading)
+        heading += curvature * step / 2
+        assert lane_from_robot(x, y, LanePose(d, phi, curvature)) == pytest.approx((count * step, 0.0), abs=2e-6)
+        assert robot_from_lane(count * step, 0.0, LanePose(d, phi, curvature)) == pytest.approx((x, y), abs=2e-6)
+
+
+@pytest.mark.parametrize('curvature', [0.0, 1e-9, -1e-9, 0.9e-6, 1.1e-6, -1.1e-6, 1e-4])
+def test_a_very_wide_bend_is_nearly_a_straight(curvature: float) -> None:
+    x, y, d, phi = 1.5, -0.2, 0.03, 0.1
+    along, left = lane_from_robot(x, y, LanePose(d, phi))
+    aside = curvature * along**2 / 2
+    bent = LanePose(d, phi, curvature)
+    assert lane_from_robot(x, y, bent) == pytest.approx((along + curvature * along * left, left - aside), abs=2e-6)
+    assert robot_from_lane(along, left - aside, bent) == pytest.approx((x, y), abs=1e-4)
+    if abs(curvature) < 1e-6:
+        assert lane_from_robot(x, y, bent) == pytest.approx((along, left), abs=2e-6)
+        assert robot_from_lane(along, left, bent) == pytest.approx((x, y), abs=2e-6)

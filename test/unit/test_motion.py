@@ -5,7 +5,7 @@ from typing import Any, Optional, Sequence, Tuple
 
 import pytest
 
-from obst_avoid.core.motion import HISTORY, Motion, arc, carried, motion_between, remembered, then
+from obst_avoid.core.motion import HISTORY, Motion, arc, carried, inverse, motion_between, remembered, then
 from obst_avoid.core.types import Command, Stamped
 
 MS = 1_000_000
@@ -87,6 +87,38 @@ def test_an_arc_and_many_short_ones_are_the_same() -> None:
         whole = then(whole, arc(command, 0.01))
     found = arc(command, 1.0)
     assert (found.x, found.y, found.turn) == pytest.approx((whole.x, whole.y, whole.turn), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    'motion, back',
+    [
+        pytest.param(Motion(), (0.0, 0.0, 0.0), id='stood'),
+        pytest.param(Motion(0.2, 0.0, 0.0), (-0.2, 0.0, 0.0), id='straight on'),
+        pytest.param(Motion(0.2, -0.1, 0.0), (-0.2, 0.1, 0.0), id='slantwise'),
+        pytest.param(Motion(0.0, 0.0, 0.3), (0.0, 0.0, -0.3), id='turned on the spot'),
+        pytest.param(Motion(0.5, 0.5, math.pi / 2), (-0.5, 0.5, -math.pi / 2), id='a quarter of a left circle'),
+        pytest.param(Motion(0.5, -0.5, -math.pi / 2), (-0.5, -0.5, math.pi / 2), id='a quarter of a right circle'),
+        pytest.param(Motion(0.4, 0.1, math.pi), (0.4, 0.1, -math.pi), id='looks back'),
+        pytest.param(Motion(0.3, 0.1, 7.0), None, id='more than once around'),
+        pytest.param(arc(Command(-0.2, -3.0), 0.7), None, id='an arc backwards'),
+    ],
+)  # fmt: skip
+def test_the_way_back(motion: Motion, back: Optional[Tuple[float, float, float]]) -> None:
+    found = inverse(motion)
+    if back is not None:
+        assert (found.x, found.y, found.turn) == pytest.approx(back, abs=1e-12)
+    for first, second in ((motion, found), (found, motion)):
+        nothing = then(first, second)
+        assert (nothing.x, nothing.y, nothing.turn) == pytest.approx((0, 0, 0), abs=1e-12)
+    again = inverse(found)
+    assert (again.x, again.y, again.turn) == pytest.approx((motion.x, motion.y, motion.turn), abs=1e-12)
+    assert carried(found, *carried(motion, 0.5, 0.1)) == pytest.approx((0.5, 0.1), abs=1e-12)
+
+
+def test_the_way_back_of_two_motions_begins_with_the_second() -> None:
+    first, second = Motion(0.3, -0.1, 0.8), Motion(0.1, 0.2, -1.5)
+    found, wanted = inverse(then(first, second)), then(inverse(second), inverse(first))
+    assert (found.x, found.y, found.turn) == pytest.approx((wanted.x, wanted.y, wanted.turn), abs=1e-12)
 
 
 class TestMemory:

@@ -28,6 +28,11 @@ def why_stale(name: str, value: Optional[Stamped[T]], now: int, limit: float, ah
     return None
 
 
+def fresh(value: Optional[Stamped[T]], now: int, limit: float, ahead: float) -> Optional[Stamped[T]]:
+    """The value where why_stale has nothing to say, else None."""
+    return value if why_stale('', value, now, limit, ahead) is None else None
+
+
 def why_stopped(stood: float, limit: float) -> Optional[str]:
     """Say why the clock must not be trusted, or None. stood: [s] of wall time since ROS time moved. limit: [s]."""
     if stood > limit:

@@ -1,5 +1,6 @@
 """Points between camera picture, rectified picture, road and lane. A function names its result first."""
 
+import math
 from typing import Tuple
 
 import cv2
@@ -7,6 +8,9 @@ import numpy as np
 
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.types import Array, LanePose
+
+STRAIGHT = 1e-6
+"""[1/m] of curvature below which a lane is straight."""
 
 
 def ground_from_pixel(homography: Array, pixels: Array) -> Array:
@@ -65,12 +69,25 @@ def rectified_from_image(calibration: Calibration, pixels: Array) -> Array:
 
 
 def lane_from_robot(x: float, y: float, pose: LanePose) -> Tuple[float, float]:
-    """A point of the robot frame in the lane frame of a straight: (along the lane, left of its centre) in m."""
-    cos, sin = np.cos(pose.phi), np.sin(pose.phi)
-    return float(cos * x - sin * y), float(sin * x + cos * y + pose.d)
+    """A point of the robot frame in the lane frame: (along the lane, left of its centre) in m.
+
+    The lane bends with pose.curvature everywhere: its centre is a circle, or a straight.
+    """
+    cos, sin = math.cos(pose.phi), math.sin(pose.phi)
+    ahead, left = cos * x - sin * y, sin * x + cos * y + pose.d
+    if abs(pose.curvature) < STRAIGHT:
+        return ahead, left
+    radius = 1 / pose.curvature
+    side = math.copysign(1.0, radius)
+    along = abs(radius) * math.atan2(ahead, side * (radius - left))
+    return along, radius - side * math.hypot(ahead, radius - left)
 
 
-def robot_from_lane(x: float, y: float, pose: LanePose) -> Tuple[float, float]:
-    """The inverse of lane_from_robot."""
-    cos, sin = np.cos(pose.phi), np.sin(pose.phi)
-    return float(cos * x + sin * (y - pose.d)), float(-sin * x + cos * (y - pose.d))
+def robot_from_lane(along: float, left: float, pose: LanePose) -> Tuple[float, float]:
+    """The inverse of lane_from_robot, for points nearer to the lane's centre than the middle of its bend."""
+    if abs(pose.curvature) >= STRAIGHT:
+        radius = 1 / pose.curvature
+        turned = along * pose.curvature
+        along, left = (radius - left) * math.sin(turned), radius - (radius - left) * math.cos(turned)
+    cos, sin = math.cos(pose.phi), math.sin(pose.phi)
+    return cos * along + sin * (left - pose.d), -sin * along + cos * (left - pose.d)

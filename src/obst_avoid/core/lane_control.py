@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from typing import Optional, Tuple
 
 from obst_avoid.core.age import why_stale, why_stopped
-from obst_avoid.core.settings import number
+from obst_avoid.core.lane_estimate import LaneEstimateSettings
+from obst_avoid.core.settings import group, number
 from obst_avoid.core.types import Command, Decision, LanePose, Stamped, State
 
 
 @dataclass(frozen=True)
 class LaneControlSettings:
-    """config/lane_controller_node.yaml has values, units and reasons."""
+    """config/lane_controller_node.yaml and config/lane_estimate.yaml have values, units and reasons."""
 
     cruise_speed: float = number('m/s', above=0)
     largest_speed: float = number('m/s', above=0)
@@ -22,6 +23,7 @@ class LaneControlSettings:
     reference_age_limit: float = number('s', above=0)
     clock_age_limit: float = number('s', above=0)
     future_limit: float = number('s', at_least=0)
+    lane_estimate: LaneEstimateSettings = group(LaneEstimateSettings)
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ def control(
 ) -> Tuple[Command, str]:
     """One command, and why if it is a stop.
 
+    lane_pose: where the robot will be when the wheels obey, see lane_estimate.believed.
     reference: stamped with its time of arrival. clock_stood: [s] of wall time since ROS time last moved.
     now: ROS time in ns.
     The offset from d_ref shrinks like a damped oscillator over the metres driven, whatever the speed:

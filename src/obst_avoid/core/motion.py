@@ -52,8 +52,11 @@ def motion_between(
     if not commands or age(since, commands[0].stamp) > longest:
         return None
     whole, now = Motion(), since
-    for index, item in enumerate(commands):
-        last = index + 1 == len(commands)
+    first = len(commands) - 1
+    while first > 0 and commands[first].stamp > since:  # from the end: mostly, the last moments are asked for
+        first -= 1
+    for index in range(first, len(commands)):
+        item, last = commands[index], index + 1 == len(commands)
         end = until if last else min(commands[index + 1].stamp, until)
         if end <= now and not last:
             continue
@@ -86,6 +89,12 @@ def then(first: Motion, second: Motion) -> Motion:
     return Motion(
         first.x + cos * second.x - sin * second.y, first.y + sin * second.x + cos * second.y, first.turn + second.turn
     )
+
+
+def inverse(motion: Motion) -> Motion:
+    """The way back: where the robot was, seen from where it is."""
+    x, y = carried(motion, 0.0, 0.0)
+    return Motion(x, y, -motion.turn)
 
 
 def carried(motion: Motion, x: float, y: float) -> Tuple[float, float]:

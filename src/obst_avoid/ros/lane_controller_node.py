@@ -2,12 +2,14 @@
 
 import threading
 from dataclasses import dataclass
-from typing import Any, Optional
+from typing import Any, Optional, Tuple
 
 import rospy
 
-from obst_avoid.core.age import age
+from obst_avoid.core.age import age, fresh
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
+from obst_avoid.core.lane_estimate import LaneEstimate, believed, followed
+from obst_avoid.core.motion import remembered
 from obst_avoid.core.settings import text
 from obst_avoid.core.types import Command, LanePose, Stamped
 from obst_avoid.msg import LaneControl
@@ -35,7 +37,8 @@ class ControllerNode:
         self._messages = find_messages(self._settings.msgs_package)
         self._lock = threading.Lock()
         self._clock = node.ClockWatch()
-        self._lane_pose: Optional[Stamped[LanePose]] = None
+        self._lane: Optional[LaneEstimate] = None
+        self._commands: Tuple[Stamped[Command], ...] = ()
         self._reference: Optional[Stamped[Reference]] = None
         self._commanded, self._commanded_wall = 0, 0.0
         self._command, self._reason = Command(0.0, 0.0), 'nothing yet'
@@ -46,17 +49,25 @@ class ControllerNode:
         rospy.on_shutdown(self._stop_for_good)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
+        rospy.Subscriber('~own_lane_pose', self._messages.LanePose, self._on_own_lane_pose, queue_size=1)
         rospy.Subscriber('~lane_control', LaneControl, self._on_lane_control, queue_size=1)
 
     def _on_lane_pose(self, msg: Any) -> None:
-        try:
-            pose = Stamped(border.nanoseconds(msg.header.stamp), border.lane_pose_from_msg(msg))
-        except border.BorderError as error:
-            node.dropped('lane pose', error)
-            return
+        self._follow(node.stamped_lane_pose(msg, 'lane pose'), None)
+
+    def _on_own_lane_pose(self, msg: Any) -> None:
+        self._follow(None, node.stamped_lane_pose(msg, 'own lane pose'))
+
+    def _follow(self, filtered: Optional[Stamped[LanePose]], own: Optional[Stamped[LanePose]]) -> None:
+        settings = self._settings
         with self._lock:
-            self._lane_pose = pose
-            self._act(self._clock.look())
+            clock = self._clock.look()
+            if clock.backwards:  # what was believed is of a time that has not come yet
+                self._lane, self._commands = None, ()
+            limit, ahead = settings.lane_pose_age_limit, settings.future_limit
+            poses = (fresh(pose, clock.now, limit, ahead) for pose in (filtered, own))
+            self._lane = followed(self._lane, *poses, self._commands, settings.lane_estimate)
+            self._act(clock)
         self._rate.tick()
 
     def _on_lane_control(self, msg: LaneControl) -> None:
@@ -90,20 +101,26 @@ class ControllerNode:
     def _act(self, clock: node.ClockReading) -> None:
         if self._ending:
             return
-        command, reason = control(self._lane_pose, self._reference, clock.stood, clock.now, self._settings)
+        if clock.backwards:  # what was believed is of a time that has not come yet
+            self._lane, self._commands = None, ()
+        pose = believed(self._lane, self._commands, clock.now, self._settings.lane_estimate)
+        command, reason = control(pose, self._reference, clock.stood, clock.now, self._settings)
+        self._commands = remembered(self._commands, Stamped(clock.now, command))
         self._command, self._reason = command, reason
         self._commanded, self._commanded_wall = clock.now, clock.wall
         self._publisher.publish(border.msg_from_command(command, clock.now, self._messages.Twist2DStamped))
 
     def _diagnose(self, status: Any) -> None:
         with self._lock:
-            command, reason, lane_pose, reference = self._command, self._reason, self._lane_pose, self._reference
+            command, reason, lane, reference = self._command, self._reason, self._lane, self._reference
         blind = reason.startswith('stopping') and 'asked' not in reason
         status.summary(node.WARN if blind else node.OK, reason)
         status.add('lane poses per second', '%.1f' % self._rate.read())
         now = border.nanoseconds(rospy.Time.now())
-        for name, value in (('lane pose', lane_pose), ('lane control', reference)):
-            status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))
+        filtered, own = (None, None) if lane is None else (lane.filter_stamp, lane.own_stamp)
+        said = None if reference is None else reference.stamp
+        for name, stamp in (('lane pose', filtered), ('own lane pose', own), ('lane control', said)):
+            status.add(name + ' age [s]', 'none' if stamp is None else '%.3f' % age(stamp, now))
         status.add('v [m/s]', '%.2f' % command.v)
         status.add('omega [rad/s]', '%.2f' % command.omega)
 

@@ -15,7 +15,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from obst_avoid.core.calibration import Calibration, CalibrationError, find_calibration
 from obst_avoid.core.settings import SettingsError, load
-from obst_avoid.ros.border import nanoseconds
+from obst_avoid.core.types import LanePose, Stamped
+from obst_avoid.ros.border import BorderError, lane_pose_from_msg, nanoseconds
 from obst_avoid.ros.messages import MessagesError
 
 _broken = threading.Event()
@@ -216,6 +217,15 @@ class Rate:
         rate = (count - self._read) / max(now - self._since, 1e-3)
         self._read, self._since = count, now
         return rate
+
+
+def stamped_lane_pose(msg: Any, what: str) -> Optional[Stamped[LanePose]]:
+    """A lane pose with its stamp; None, and a warning that calls it by what, when it must not be used."""
+    try:
+        return Stamped(nanoseconds(msg.header.stamp), lane_pose_from_msg(msg))
+    except BorderError as error:
+        dropped(what, error)
+        return None
 
 
 def dropped(what: str, error: Exception) -> str:
