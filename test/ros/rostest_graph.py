@@ -18,7 +18,7 @@ from obst_avoid.msg import BoolStamped, LaneControl, Twist2DStamped
 NAMES = {0: 'CLEAR', 1: 'SLOWING', 2: 'AVOIDING', 3: 'STOPPED', 4: 'FAULT'}
 REACTION = 0.4
 """[s] of ROS time that controller and network may take, before the wheels stand or drive again."""
-PICTURES = 210
+PICTURES = 255
 
 
 class Graph(Prepared):

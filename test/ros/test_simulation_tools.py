@@ -19,10 +19,13 @@ from helpers import Ended, compressed_image, jpeg_of, pose_array, run_program
 from std_msgs.msg import Float32, Header, String
 from unit.cameras import ROBOT, Camera, extrinsic_file, intrinsic_file, write_files
 from unit.drives import mapping, thing
+from visualization_msgs.msg import MarkerArray
 
 from obst_avoid import msg as messages
-from obst_avoid.core.types import State
+from obst_avoid.core.avoidance.corridor import View
+from obst_avoid.core.types import Decision, State
 from obst_avoid.offline import drive_report, render_dataset, run_scenarios
+from obst_avoid.ros.markers import markers_from_decision
 
 PICTURE_RATE = 10
 
@@ -168,8 +171,8 @@ def drive(**changes: Any) -> Dict[str, Any]:
     """One outcome as run_scenarios keeps it."""
     return {
         'success': True, 'contact': None, 'in_the_way': True, 'smallest_gap': 0.3, 'seconds': 10.0, 'driven': 1.0,
-        'stops': 1, 'activations': 1, 'false_stops': 0, 'off_lane': 0.0, 'sightings': {'of': {}, 'invented': 0},
-        **changes,
+        'stops': 1, 'activations': 1, 'false_stops': 0, 'off_lane': 0.0, 'restart': None,
+        'sightings': {'of': {}, 'invented': 0}, **changes,
     }  # fmt: skip
 
 
@@ -185,6 +188,9 @@ def test_summarise() -> None:
     assert found['avoided_to_hit'] == [2, 2], 'met three, avoided two; one was hit from outside the lane'
     assert (found['stops'], found['activations'], found['false_stops'], found['metres']) == (6, 7, 2, 4.0)
     assert (found['smallest_gap_m'], found['median_gap_m'], found['off_lane_share']) == (0.0, 0.2, 0.04)
+    assert found['restart'] is None, 'nothing went away'
+    waited = run_scenarios.summarise([drive(restart=wait) for wait in (1.0, 2.0, 2.01, None)])
+    assert waited['restart'][0] == pytest.approx(2 / 3, abs=1e-3)
 
 
 def test_a_table_of_families() -> None:
@@ -340,8 +346,20 @@ DECISIONS = [State.CLEAR, State.CLEAR, State.STOPPED, State.STOPPED, State.CLEAR
 """One each tenth of a second, 0.05 s after a picture."""
 
 
-def write_bag(path: Path, pictures: bool = True, truth: bool = True, scenario: str = '') -> str:
-    """A drive of 0.6 s, 0.2 m to the east and 0.1 m to the north; two stops, the second one for nothing."""
+def plan_of(state: State, stamp: rospy.Time) -> MarkerArray:
+    """A corridor straight ahead, as the avoider shows it."""
+    corners = np.array([(0.0, 0.1), (1.0, 0.1), (1.0, -0.1), (0.0, -0.1), (0.0, 0.1)])
+    view = View(corners, np.array([(0.0, 0.0), (1.0, 0.0)]), None)
+    return markers_from_decision(Decision(state, 0.0, 0.0, 'because'), view, stamp.to_nsec(), FRAME)
+
+
+def write_bag(
+    path: Path, pictures: bool = True, truth: bool = True, scenario: str = '', plans: Sequence[int] = ()
+) -> str:
+    """A drive of 0.6 s, 0.2 m to the east and 0.1 m to the north; two stops, the second one for nothing.
+
+    plans: which decisions are recorded as markers too.
+    """
     topic = '/duck1/simulator_node/'
     with rosbag.Bag(str(path), 'w') as bag:
         for index, state in enumerate(DECISIONS):
@@ -358,6 +376,8 @@ def write_bag(path: Path, pictures: bool = True, truth: bool = True, scenario: s
             decision = messages.LaneControl(header, 0.0, 0.2, state is not State.CLEAR, state.value, 'because')
             decision.v_ref = 0.0 if state is State.STOPPED else 0.2
             write('/duck1/obstacle_avoidance_node/lane_control', decision, 0.05)
+            if index in plans:
+                write('/duck1/obstacle_avoidance_node/markers', plan_of(state, stamp), 0.051)
             write('/duck1/lane_controller_node/car_cmd', messages.Twist2DStamped(header, 0.2, 0.0), 0.055)
             write('/duck1/lane_filter_node/lane_pose', messages.LanePose(header=header, d=0.01 * index), 0.01)
             if truth:
@@ -407,6 +427,24 @@ class TestDriveReport:
         plot = cv2.imread(str(done[0] / 'drive.png'))
         assert plot is not None and plot.std() > 10
         assert sorted(os.listdir(done[0])) == ['drive.json', 'drive.mp4', 'drive.png']
+
+    def test_the_plan_is_in_the_film(self, tmp_path: Path) -> None:
+        films = []
+        for name, plans in (('without', []), ('with', [0, 1, 2, 4])):
+            bag = write_bag(tmp_path / (name + '.bag'), plans=plans)
+            assert drive_report.main([bag, '--output', str(tmp_path / name)]) == 0
+            films.append(frames_of(tmp_path / name / 'drive.mp4'))
+        changes = [
+            np.abs(one[300:470, 300:340].astype(int) - other[300:470, 300:340]).mean() for one, other in zip(*films)
+        ]
+        assert min(changes) > 10, 'also where the newest plan is a little older than the decision'
+
+    def test_a_plan_of_long_ago_is_not_in_the_film(self, tmp_path: Path) -> None:
+        drive = drive_report.read_drive(write_bag(tmp_path / 'drive.bag', plans=[1]))
+        (stamp,) = drive.plans
+        assert stamp == round((BEGIN + 0.1) * 1e9)
+        ages = {late: drive_report.plan_of(drive, [stamp], stamp + late) for late in (-1, 0, 3 * 10**8, 3 * 10**8 + 1)}
+        assert [late for late, plan in ages.items() if plan is not None] == [0, 3 * 10**8]
 
     def test_a_real_drive_has_no_truth(self, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
         bag = write_bag(tmp_path / 'drive.bag', truth=False)

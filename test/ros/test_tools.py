@@ -57,7 +57,7 @@ TOOLS = {
     'simulated_bag': simulated_bag,
 }
 CONE = SCENE.things[1]
-PICTURES = 210
+PICTURES = 255
 """In the simulated bag."""
 CHECKED = 100
 """Pictures of the simulated bag, up to where the stop is only remembered."""
@@ -541,7 +541,7 @@ class TestRunBag:
         )
         assert summary['stops'] == 1
         assert summary['releases'] == 1
-        assert summary['activations'] == 2
+        assert summary['activations'] == 1, 'when it drives on, the second one is near already'
         assert summary['faults'] == 0
 
     def test_it_writes_what_the_nodes_would_publish(self, ran: Path) -> None:
@@ -570,7 +570,7 @@ class TestRunBag:
         self, ran: Path, bag: str, detection_settings: Any, avoidance_settings: Any
     ) -> None:
         detector = detection.start(default_calibration(), detection_settings)
-        memory, wanted = Memory(), []
+        inputs, memory, wanted = Inputs(), Memory(), []
         with rosbag.Bag(bag) as content:
             for topic, msg, time in content.read_messages():
                 if 'lane_pose' in topic:
@@ -578,7 +578,8 @@ class TestRunBag:
                 if 'compressed' in topic:
                     stamp = nanoseconds(msg)
                     seen, detector = detection.detect(detector, decode_jpeg(bytes(msg.data)), stamp)
-                    inputs = Inputs(Stamped(stamp, seen.obstacles), pose)
+                    own = None if seen.lane_pose is None else Stamped(stamp, seen.lane_pose)
+                    inputs = Inputs(Stamped(stamp, seen.obstacles), pose, own or inputs.own_lane_pose)
                     decision, memory = decide(inputs, memory, time.to_nsec(), avoidance_settings)
                     wanted.append((decision.state.value, decision.d_ref, decision.v_ref, decision.reason))
                     if len(wanted) == CHECKED:
@@ -586,7 +587,7 @@ class TestRunBag:
         with rosbag.Bag(str(ran / 'out.bag')) as content:
             topics = ['/simulated/obstacle_avoidance_node/lane_control']
             found = [msg for _, msg, _ in content.read_messages(topics=topics)]
-        assert {state for state, _, _, _ in wanted} == {0, 3}
+        assert {state for state, _, _, _ in wanted} == {0, 1, 3}
         for msg, (state, d_ref, v_ref, reason) in zip(found, wanted):
             assert (msg.state, msg.reason) == (state, reason)
             assert (msg.d_ref, msg.v_ref) == (pytest.approx(d_ref, abs=1e-6), pytest.approx(v_ref, abs=1e-6))
@@ -619,7 +620,7 @@ class TestRunBag:
         assert (poses[0].d, poses[0].phi, poses[0].curvature) == (0.25, 0.5, 1.0)
 
     def test_the_stage_can_be_chosen(self, tmp_path: Path) -> None:
-        jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.42, -0.085, 0.03),)))
+        jpeg = jpeg_of(Scene((Thing(Kind.DUCKIE, 0.38, -0.09, 0.03),)))
         for index in range(8):
             (tmp_path / ('%d.jpg' % index)).write_bytes(jpeg)
         bag = str(tmp_path / 'beside.bag')

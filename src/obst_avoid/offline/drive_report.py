@@ -13,6 +13,8 @@ import numpy as np
 import rosbag
 
 from obst_avoid.core import detection
+from obst_avoid.core.age import age
+from obst_avoid.core.avoidance.corridor import View
 from obst_avoid.core.bird_view import BirdView
 from obst_avoid.core.picture import PictureError, decode_jpeg
 from obst_avoid.core.types import Array, Decision, Obstacle, State
@@ -21,22 +23,29 @@ from obst_avoid.offline.recording import open_bag, robot_of
 from obst_avoid.offline.simulation import calibration_of, map_of, towns_folder, write_film
 from obst_avoid.offline.summary import summarise, table
 from obst_avoid.ros import border
+from obst_avoid.ros.markers import view_from_markers
 from obst_avoid.sim.scenario import load_scenario
-from obst_avoid.viz.film import STATE_COLORS, Map, Shot, compose
+from obst_avoid.viz.film import Map, Shot, compose
+from obst_avoid.viz.overlay import STATE_COLORS
 
 matplotlib.use('Agg')  # no screen; has to be said before pyplot is imported
 from matplotlib import pyplot
 
 FILM_RATE = 10.0
+PLAN_AGE_LIMIT = 0.3
+"""[s] between a decision and a plan that is shown with it."""
+NOTHING_DECIDED = (0, Decision(State.FAULT, 0.0, 0.0, 'nothing decided yet'))
+"""Stamp [ns] and decision."""
 
 
 @dataclass
 class Drive:
-    """What a bag holds, in order of time. Times in s since the first message."""
+    """What a bag holds, in order of time. Times in s since the first message. plans: by stamp [ns]."""
 
     pictures: List[Tuple[float, int, bytes]] = field(default_factory=list)
     obstacles: Dict[int, List[Obstacle]] = field(default_factory=dict)
     decisions: List[Tuple[float, int, Decision]] = field(default_factory=list)
+    plans: Dict[int, View] = field(default_factory=dict)
     commands: List[Tuple[float, float, float]] = field(default_factory=list)
     lane_poses: List[Tuple[float, float, float]] = field(default_factory=list)
     poses: List[Tuple[float, float, float, float]] = field(default_factory=list)
@@ -105,11 +114,20 @@ def _take(drive: Drive, name: str, msg: Any, now: float, frame: str) -> None:
         drive.obstacles[border.nanoseconds(msg.header.stamp)] = border.obstacles_from_pose_array(msg, frame)
     elif name == 'obstacle_avoidance_node/lane_control':
         drive.decisions.append((now, border.nanoseconds(msg.header.stamp), border.decision_from_lane_control(msg)))
+    elif name == 'obstacle_avoidance_node/markers':
+        plan = view_from_markers(msg)
+        drive.plans[border.nanoseconds(msg.markers[0].header.stamp)] = plan
     elif name == 'lane_controller_node/car_cmd':
         drive.commands.append((now, msg.v, msg.omega))
     elif name == 'lane_filter_node/lane_pose':
         drive.lane_poses.append((now, msg.d, msg.phi))
-    elif name == 'simulator_node/truth/pose':
+    else:
+        _take_simulated(drive, name, msg, now, frame)
+
+
+def _take_simulated(drive: Drive, name: str, msg: Any, now: float, frame: str) -> None:
+    """Sort in what only the simulator says."""
+    if name == 'simulator_node/truth/pose':
         turn = msg.pose.orientation
         heading = 2 * float(np.arctan2(turn.z, turn.w))
         drive.poses.append((now, msg.pose.position.x, msg.pose.position.y, heading))
@@ -172,6 +190,8 @@ def film_of_drive(drive: Drive, view: BirdView, town: Optional[Map], title: str)
     decision_times = [time for time, _, _ in drive.decisions]
     command_times, pose_times = [item[0] for item in drive.commands], [item[0] for item in drive.poses]
     seen_times = [time for time, _ in drive.true_obstacles]
+    plan_stamps = sorted(drive.plans)
+    answers = {stamp: (stamp, decision) for _, stamp, decision in reversed(drive.decisions)}  # the first to each
     begin = drive.pictures[0][0]
     due, shown = begin, False
     for time, stamp, jpeg in tool.progress(drive.pictures, 'film'):
@@ -183,7 +203,8 @@ def film_of_drive(drive: Drive, view: BirdView, town: Optional[Map], title: str)
         except PictureError:
             continue
         at = bisect_right(decision_times, time) - 1
-        decision = drive.decisions[at][2] if at >= 0 else Decision(State.FAULT, 0.0, 0.0, 'nothing decided yet')
+        in_force = drive.decisions[at][1:] if at >= 0 else NOTHING_DECIDED
+        decided, decision = answers.get(stamp, in_force)
         command = bisect_right(command_times, time) - 1
         place = bisect_right(pose_times, time)
         pose = drive.poses[place - 1][1:] if place else None
@@ -191,11 +212,20 @@ def film_of_drive(drive: Drive, view: BirdView, town: Optional[Map], title: str)
         standing = _standing(drive.true_obstacles[seen][1], pose) if seen >= 0 and pose else ()
         path = [(x, y) for _, x, y, _ in drive.poses[:place]]
         speed = drive.commands[command][1] if command >= 0 else 0.0
-        shot = Shot(time - begin, picture, drive.obstacles.get(stamp, []), decision, speed, pose, standing)
+        plan = plan_of(drive, plan_stamps, decided)
+        shot = Shot(time - begin, picture, drive.obstacles.get(stamp, []), decision, speed, pose, standing, plan)
         shown = True
         yield compose(shot, view, town, path, title)
     if not shown:
         raise tool.ToolError('no picture of the recording decodes, expected at least one')
+
+
+def plan_of(drive: Drive, stamps: Sequence[int], decided: int) -> Optional[View]:
+    """The newest plan not newer than a decision, None when it is too old. stamps: of drive.plans in order, [ns]."""
+    index = bisect_right(stamps, decided) - 1
+    if index < 0 or age(stamps[index], decided) > PLAN_AGE_LIMIT:
+        return None
+    return drive.plans[stamps[index]]
 
 
 def _standing(

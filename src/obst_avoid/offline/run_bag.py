@@ -18,7 +18,6 @@ from obst_avoid.core.avoidance.settings import STAGES, AvoidanceSettings
 from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import PictureError
-from obst_avoid.core.settings import load
 from obst_avoid.core.types import Command, Decision, LanePose, Scene, Stamped
 from obst_avoid.offline import tool
 from obst_avoid.offline.recording import (
@@ -91,7 +90,9 @@ def run(
         except (PictureError, CalibrationError, border.BorderError) as error:
             complain('%.3f s: %s' % (stamp / 1e9, error))
             continue
-        inputs = replace(inputs, obstacles=Stamped(stamp, scene.obstacles))
+        inputs = replace(inputs, obstacles=Stamped(stamp, scene.obstacles), commands=commands)
+        if scene.lane_pose is not None:
+            inputs = replace(inputs, own_lane_pose=Stamped(stamp, scene.lane_pose))
         if LANE_POSE not in recording.topics:
             inputs = replace(inputs, lane_pose=Stamped(stamp, LanePose(0.0, 0.0)))
         decision, memory = decide(inputs, memory, item.time, settings)
@@ -105,10 +106,7 @@ def _main(options: argparse.Namespace) -> int:
         tool.writable(options.json)
     recording = open_bag(options.bag, options.robot)
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
-    content = tool.node_yaml(options.config, 'obstacle_avoidance_node.yaml')
-    if options.stage:
-        content['stage'] = options.stage
-    settings = load(AvoidanceSettings, content, 'obstacle_avoidance_node')
+    settings = tool.avoidance_settings(options.config, options.stage)
     if LANE_POSE not in recording.topics:
         print('the recording has no lane pose: taking d = phi = 0', file=sys.stderr)
     broken: List[str] = []

@@ -31,6 +31,8 @@ from obst_avoid.sim.scenario import load_scenario
 FILM_RATE = 10.0
 PROMPT = 0.2
 """[s] within which the detector has to know what has come near and into view."""
+RESTART = 2.0
+"""[s] within which a robot that waited drives on when the obstacle has gone."""
 
 
 def main(arguments: Any = None) -> int:
@@ -48,6 +50,11 @@ def main(arguments: Any = None) -> int:
     parser.add_argument('--pose-errors', metavar='NAME', help='of simulation.yaml, instead of what the scenarios name')
     parser.add_argument('--light', metavar='COLOR', help='of the lamps, instead of what the scenarios name')
     parser.add_argument('--picture-rate', metavar='HZ', type=tool.rate, help='instead of that of simulation.yaml')
+    parser.add_argument(
+        '--without-pictures',
+        action='store_true',
+        help='leave the camera and the detector out and take the truth with their errors: fast, for tuning the avoider',
+    )
     parser.add_argument(
         '--output', metavar='DIR', help='folder for scenarios.json, table.txt, and films of what failed'
     )
@@ -94,6 +101,7 @@ def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
 
     median_gap_m: of the episodes without contact. prompt: of what came near and into view, known within PROMPT. lost:
     how often a known one was missing from a report. invented: how often the detector began to report what is not there.
+    restart: of robots that had to wait, those that drove on within RESTART.
     """
     count = len(outcomes)
     hits = sum(outcome['contact'] is not None for outcome in outcomes)
@@ -102,6 +110,7 @@ def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
     kept = [o['smallest_gap'] for o in outcomes if o['smallest_gap'] is not None and o['contact'] is None]
     near = [(o['seconds'] - thing['since'], thing) for o in outcomes for thing in o['sightings']['of'].values()]
     prompt = [thing['after'] is not None and thing['after'] <= PROMPT + 1e-6 for since, thing in near if since > PROMPT]
+    waits = [outcome['restart'] for outcome in outcomes if outcome['restart'] is not None]
     seconds, metres = sum(o['seconds'] for o in outcomes), sum(max(o['driven'], 0.0) for o in outcomes)
     return {
         'episodes': count,
@@ -116,6 +125,7 @@ def summarise(outcomes: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
         'median_gap_m': round(float(np.median(kept)), 3) if kept else None,
         'off_lane_share': round(sum(o['off_lane'] for o in outcomes) / seconds, 4) if seconds else None,
         'prompt': share(sum(prompt), len(prompt)) if prompt else None,
+        'restart': share(sum(wait <= RESTART for wait in waits), len(waits)) if waits else None,
         'lost': sum(thing['lost'] for _, thing in near),
         'invented': sum(o['sightings']['invented'] for o in outcomes),
     }
@@ -168,10 +178,12 @@ def _start(options: argparse.Namespace) -> None:
     if options.jobs > 1:
         cv2.setNumThreads(1)
     calibration, robot = robot_of(options)
-    try:
-        renderer = Renderer(calibration)
-    except RenderError as error:
-        raise tool.ToolError(str(error)) from error
+    renderer: Optional[Renderer] = None
+    if not options.without_pictures:
+        try:
+            renderer = Renderer(calibration)
+        except RenderError as error:
+            raise tool.ToolError(str(error)) from error
     settings = simulation_settings(options.config)
     if options.picture_rate:
         settings = replace(settings, picture_rate=options.picture_rate)
@@ -184,15 +196,16 @@ def _drive(path: str, seed: int) -> Dict[str, Any]:
     options = _state['options']
     scenario = load_scenario(path, seed, towns_folder(options.config), _instead(options))
     frames: List[Frame] = []
-    keep = options.output and options.films != 'none'
+    keep = options.output and options.films != 'none' and not options.without_pictures
     outcome = run(scenario, _state['robot'], _state['settings'], _state['renderer'], frames.append if keep else _forget)
     film: Optional[str] = None
     if keep and frames and (options.films == 'all' or not outcome.success):
         film = os.path.join(options.output, '%s_%d.mp4' % (scenario.name, seed))
-        every = max(1, round(_state['settings'].picture_rate / FILM_RATE))
+        settings, robot, view = _state['settings'], _state['robot'], _state['view']
+        every = max(1, round(settings.picture_rate / FILM_RATE))
         title = '%s, seed %d: %s' % (scenario.name, seed, outcome.why)
-        rate = _state['settings'].picture_rate / every
-        write_film(film, film_of(frames, scenario, _state['view'], title, every), rate)
+        pictures = film_of(frames, scenario, robot, view, settings.picture_delay, title, every)
+        write_film(film, pictures, settings.picture_rate / every)
     return {'file': path, 'film': film, **plain(outcome)}
 
 

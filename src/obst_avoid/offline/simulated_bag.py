@@ -29,12 +29,12 @@ from obst_avoid.sim.things import Thing
 from obst_avoid.sim.town import Route, Town, WorldPose, follow, pose_at, town_from_mapping
 
 RATE = 30.0
-DURATION = 7.0
+DURATION = 8.5
 SPEED = 0.2
 VEHICLE = 'simulated'
 BEGIN = 0.6
 """[m] along the lane from the road's western end."""
-STANDS, DUCKIE_GONE, DRIVES_ON = 1.6, 2.6, 3.9
+STANDS, DUCKIE_GONE, DRIVES_ON = 2.35, 3.35, 5.3
 """[s] into the drive."""
 LIGHT = Light(lamps=(Lamp(azimuth=math.pi, elevation=0.5, share=0.3, size=0.5),))
 """White and bright, a large window behind the robot: a shaded foot is too dark for the report's yellow."""
@@ -108,9 +108,9 @@ def scripted() -> Drive:
     return Drive(
         town,
         route,
-        blocking=stands(route, 'duckie', BEGIN + 0.75, 0.0, 0.05),
-        beside=stands(route, 'duckie', BEGIN + 1.2, -0.088, 0.03),
-        outside=stands(route, 'cone', BEGIN + 0.95, -0.24, 0.05),
+        blocking=stands(route, 'duckie', BEGIN + 0.9, 0.0, 0.05),
+        beside=stands(route, 'duckie', BEGIN + 1.4, -0.088, 0.03),
+        outside=stands(route, 'cone', BEGIN + 1.1, -0.24, 0.05),
     )
 
 

@@ -8,14 +8,16 @@ import cv2
 import numpy as np
 
 from obst_avoid.core import detection
-from obst_avoid.core.avoidance.settings import STAGES, AvoidanceSettings
+from obst_avoid.core.avoidance.settings import STAGES
+from obst_avoid.core.avoidance.shown import view_in_picture
 from obst_avoid.core.bird_view import BirdView
 from obst_avoid.core.calibration import Calibration
-from obst_avoid.core.lane_control import LaneControlSettings
+from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.settings import load
-from obst_avoid.core.types import Array
+from obst_avoid.core.types import Array, Command, Stamped
 from obst_avoid.offline import tool
+from obst_avoid.sim import world as worlds
 from obst_avoid.sim.episode import Frame, Robot
 from obst_avoid.sim.paint import ASPHALT, PIXELS, RED, WHITE, YELLOW, ground_picture
 from obst_avoid.sim.scenario import Scenario, place
@@ -44,13 +46,10 @@ def calibration_of(options: argparse.Namespace) -> Calibration:
 def robot_of(options: argparse.Namespace) -> Tuple[Calibration, Robot]:
     """The robot's programs as the options and the settings say."""
     calibration = calibration_of(options)
-    avoidance = tool.node_yaml(options.config, 'obstacle_avoidance_node.yaml')
-    if options.stage:
-        avoidance['stage'] = options.stage
     robot = Robot(
         detection.start(calibration, tool.detection_settings(options)),
-        load(AvoidanceSettings, avoidance, 'obstacle_avoidance_node'),
-        load(LaneControlSettings, tool.node_yaml(options.config, 'lane_controller_node.yaml'), 'lane_controller_node'),
+        tool.avoidance_settings(options.config, options.stage),
+        tool.lane_control_settings(options.config),
     )
     return calibration, robot
 
@@ -75,13 +74,17 @@ def map_of(town: Town) -> Map:
     return shrunk_map(picture.astype(np.uint8), PIXELS / 4 / town.tile_size)
 
 
-def film_of(frames: Sequence[Frame], scenario: Scenario, view: BirdView, title: str, every: int) -> Iterator[Array]:
-    """The pictures of a film of an episode, one of so many frames."""
+def film_of(
+    frames: Sequence[Frame], scenario: Scenario, robot: Robot, view: BirdView, delay: float, title: str, every: int
+) -> Iterator[Array]:
+    """The pictures of a film of an episode, one of so many frames. delay: [s] of a picture's answer."""
     town = map_of(scenario.town)
     path: List[Tuple[float, float]] = []
+    commands: Tuple[Stamped[Command], ...] = ()
     for index, frame in enumerate(frames):
-        pose = frame.world.vehicle.pose
+        pose, decided = frame.world.vehicle.pose, worlds.stamp(frame.time)
         path.append((pose.x, pose.y))
+        commands = remembered(commands, Stamped(decided, frame.command))
         if index % every and index != len(frames) - 1:
             continue
         pairs = zip(scenario.obstacles, frame.world.actors)
@@ -89,9 +92,10 @@ def film_of(frames: Sequence[Frame], scenario: Scenario, view: BirdView, title: 
         things = [thing for thing in placed if thing.kind is not None]  # as obstacles_of
         found = obstacles_of(things, scenario.town, scenario.route, frame.world.along, pose)
         standing = [(thing.x, thing.y, obstacle.in_lane) for thing, obstacle in zip(things, found)]
+        plan = view_in_picture(frame.decision, commands, decided, worlds.stamp(frame.time - delay), robot.avoidance)
         shot = Shot(
             frame.time, decode_jpeg(frame.jpeg), frame.obstacles, frame.decision, frame.command.v,
-            (pose.x, pose.y, pose.heading), standing,
+            (pose.x, pose.y, pose.heading), standing, plan,
         )  # fmt: skip
         yield compose(shot, view, town, path, title)
 

@@ -6,14 +6,16 @@ Exit code 0: success. 1: failure, one sentence on stderr. 2: wrong use, from arg
 import argparse
 import os
 import sys
-from typing import Any, Callable, Dict, Iterable, List, Sequence, TypeVar
+from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, TypeVar
 
 import rospkg
 from tqdm import tqdm
 
 from obst_avoid.core.age import NANOSECONDS
+from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.calibration import Calibration, CalibrationError, find_calibration, load_calibration
 from obst_avoid.core.detection.settings import PROFILES, DetectionSettings
+from obst_avoid.core.lane_control import LaneControlSettings
 from obst_avoid.core.settings import SettingsError, load, read_yaml
 
 T = TypeVar('T')
@@ -120,6 +122,20 @@ def detection_settings(options: argparse.Namespace) -> DetectionSettings:
     if options.profile:
         content['profile'] = options.profile
     return load(DetectionSettings, content, 'obstacle_detection_node')
+
+
+def avoidance_settings(config: str, stage: Optional[str]) -> AvoidanceSettings:
+    """The avoider's settings of the given folder or the package's own, with another stage if one is given."""
+    content = {**node_yaml(config, 'obstacle_avoidance_node.yaml'), **node_yaml(config, 'lane_estimate.yaml')}
+    if stage:
+        content['stage'] = stage
+    return load(AvoidanceSettings, content, 'obstacle_avoidance_node')
+
+
+def lane_control_settings(config: str) -> LaneControlSettings:
+    """The lane controller's, the same."""
+    content = {**node_yaml(config, 'lane_controller_node.yaml'), **node_yaml(config, 'lane_estimate.yaml')}
+    return load(LaneControlSettings, content, 'lane_controller_node')
 
 
 def node_yaml(config: str, name: str) -> Dict[str, Any]:

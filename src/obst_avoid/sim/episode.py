@@ -9,10 +9,12 @@ from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.detection.robust.view import in_view
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, reference_from_decision
+from obst_avoid.core.lane_estimate import LaneEstimate, believed, followed
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Scene, Stamped, State
 from obst_avoid.sim import world as worlds
+from obst_avoid.sim.perceived import perceive
 from obst_avoid.sim.renderer import Renderer
 from obst_avoid.sim.scenario import Scenario
 from obst_avoid.sim.settings import SimulationSettings
@@ -54,8 +56,9 @@ class Outcome:
     why: it is a success or not, for a person. stops: times the robot's avoider went to STOPPED. false_stops: of these,
     without an obstacle in the lane within RELEVANT. activations: times it became active. smallest_gap: [m] between
     body and obstacles when pictures were answered, 0 after a contact, inf without obstacles. stop_gap: [m] after the
-    last stop. off_lane: [s] with the axle's middle beyond a line. in_the_way: an obstacle stood in the lane ahead at
-    some time. driven: [m]. sightings: how well the detector kept track.
+    last stop. restart: [s] from when an obstacle went away until the robot, which stood, drove on. off_lane: [s] with
+    the axle's middle beyond a line. in_the_way: an obstacle stood in the lane ahead at some time. driven: [m].
+    sightings: how well the detector kept track.
     """
 
     scenario: str
@@ -68,6 +71,7 @@ class Outcome:
     activations: int
     smallest_gap: float
     stop_gap: Optional[float]
+    restart: Optional[float]
     off_lane: float
     in_the_way: bool
     seconds: float
@@ -79,10 +83,14 @@ def run(
     scenario: Scenario,
     robot: Robot,
     settings: SimulationSettings,
-    renderer: Renderer,
+    renderer: Optional[Renderer],
     watch: Callable[[Frame], None] = lambda frame: None,
 ) -> Outcome:
-    """Run one episode to its end. watch: is called with each answered picture."""
+    """Run one episode to its end. watch: is called with each answered picture.
+
+    renderer: None for a drive without pictures, ten times as fast: the detector is left out, and what it would see is
+    made up of the truth (perceived.py).
+    """
     place, world = worlds.begin(scenario, settings)
     graph = _Graph(robot, place)
     tally, sightings = _Tally(), Sightings({})
@@ -98,16 +106,20 @@ def run(
             graph.poses.append((world.time + place.pose_errors.delay, Stamped(worlds.stamp(world.time), pose)))
         if now >= next_picture:
             next_picture += period
-            shown, world = worlds.picture(world, place, renderer)
-            data = worlds.jpeg(shown, place)
             stamp = worlds.stamp(world.time)
-            found = graph.detect(data, stamp)
+            if renderer is None:
+                data, found = b'', perceive(world, place, visible)
+            else:
+                shown, world = worlds.picture(world, place, renderer)
+                data = worlds.jpeg(shown, place)
+                found = graph.detect(data, stamp)
             sightings = looked(sightings, world.time, worlds.everything(world, place), found.obstacles, visible)
             waiting.append((world.time + settings.picture_delay, data, found, stamp))
+        graph.hear_turn(worlds.turn(world, place))
         graph.hear_poses(now)
         while waiting and waiting[0][0] <= now:
             _, data, found, stamp = waiting.pop(0)
-            graph.hear_obstacles(found.obstacles, stamp, now)
+            graph.hear_scene(found, stamp, now)
             gap = worlds.gap(world, place)
             tally.look(graph.decision, worlds.truth(world, place), gap, world)
             watch(Frame(world.time, data, tuple(found.obstacles), graph.decision, graph.command, world, gap))
@@ -116,12 +128,13 @@ def run(
             world = worlds.command(world, place, graph.command)
             graph.spoke = False
         world = worlds.step(world, place)
+        tally.wait(world)
         tally.off_lane += worlds.STEP * (abs(world.lane_pose.d) > scenario.route.lane_width / 2)
         verdict = _verdict(world, place, tally, graph.decision)
         if verdict is not None:
             return Outcome(
                 scenario.name, scenario.seed, verdict[0], verdict[1], world.contact, tally.stops, tally.false_stops,
-                tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap,
+                tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap, tally.restart,
                 round(tally.off_lane, 3), tally.in_the_way, round(world.time, 3), world.along - scenario.start,
                 sightings,
             )  # fmt: skip
@@ -133,7 +146,7 @@ class _Graph:
     def __init__(self, robot: Robot, place: Place) -> None:
         self._robot, self._detector = robot, robot.detector
         self._inputs, self._memory = Inputs(), Memory()
-        self._lane_pose: Optional[Stamped[LanePose]] = None
+        self._lane: Optional[LaneEstimate] = None
         self._reference: Optional[Stamped[Reference]] = None
         self._commands: Tuple[Stamped[Command], ...] = ()
         self._decided = self._commanded = 0.0
@@ -148,12 +161,21 @@ class _Graph:
 
     def hear_poses(self, now: float) -> None:
         while self.poses and self.poses[0][0] <= now:
-            self._lane_pose = self.poses.pop(0)[1]
-            self._inputs = replace(self._inputs, lane_pose=self._lane_pose)
+            pose = self.poses.pop(0)[1]
+            self._inputs = replace(self._inputs, lane_pose=pose)
+            self._lane = followed(self._lane, pose, None, self._commands, self._robot.lane_control.lane_estimate)
             self._control(now)
 
-    def hear_obstacles(self, obstacles: Sequence[Obstacle], stamp: int, now: float) -> None:
-        self._inputs = replace(self._inputs, obstacles=Stamped(stamp, obstacles))
+    def hear_turn(self, turn: Optional[str]) -> None:
+        if turn != self._inputs.turn:
+            self._inputs = replace(self._inputs, turn=turn)
+
+    def hear_scene(self, scene: Scene, stamp: int, now: float) -> None:
+        if scene.lane_pose is not None:
+            own = Stamped(stamp, scene.lane_pose)
+            self._inputs = replace(self._inputs, own_lane_pose=own)
+            self._lane = followed(self._lane, None, own, self._commands, self._robot.lane_control.lane_estimate)
+        self._inputs = replace(self._inputs, obstacles=Stamped(stamp, scene.obstacles))
         self._decide(now)
 
     def look(self, now: float) -> None:
@@ -163,14 +185,16 @@ class _Graph:
             self._control(now)
 
     def _decide(self, now: float) -> None:
-        self.decision, self._memory = decide(self._inputs, self._memory, worlds.stamp(now), self._robot.avoidance)
+        inputs = replace(self._inputs, commands=self._commands)
+        self.decision, self._memory = decide(inputs, self._memory, worlds.stamp(now), self._robot.avoidance)
         self._decided = now
         self._reference = Stamped(worlds.stamp(now), reference_from_decision(self.decision))
         self._control(now)
 
     def _control(self, now: float) -> None:
         settings = self._robot.lane_control
-        self.command, _ = control(self._lane_pose, self._reference, 0.0, worlds.stamp(now), settings)
+        pose = believed(self._lane, self._commands, worlds.stamp(now), settings.lane_estimate)
+        self.command, _ = control(pose, self._reference, 0.0, worlds.stamp(now), settings)
         self._commands = remembered(self._commands, Stamped(worlds.stamp(now), self.command))
         self._commanded, self.spoke = now, True
 
@@ -182,6 +206,8 @@ class _Tally:
         self.stops = self.false_stops = self.activations = 0
         self.smallest_gap = float('inf')
         self.stop_gap: Optional[float] = None
+        self.restart: Optional[float] = None
+        self._gone, self._left = 0, 0.0
         self.off_lane = 0.0
         self.in_the_way = False
         self._before = Decision(State.FAULT, 0.0, 0.0, '')
@@ -197,6 +223,15 @@ class _Tally:
             self.stop_gap = gap
         self.activations += decision.active and not self._before.active and decision.state is not State.FAULT
         self._before = decision
+
+    def wait(self, world: World) -> None:
+        """Measure how long a robot that stands takes to drive on when an obstacle has gone."""
+        gone = sum(actor.gone for actor in world.actors)
+        if gone > self._gone and world.stood > 0:
+            self._left = world.time
+        if self._left and world.stood == 0:
+            self.restart, self._left = round(world.time - self._left, 3), 0.0
+        self._gone = gone
 
 
 def _verdict(world: World, place: Place, tally: _Tally, decision: Decision) -> Optional[Tuple[bool, str]]:

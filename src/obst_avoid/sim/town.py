@@ -194,6 +194,16 @@ def locate(route: Route, pose: WorldPose, near: float, window: float = 0.6) -> T
     return best[1], best[2]
 
 
+def turn_ahead(route: Route, along: float, within: float) -> Optional[str]:
+    """The turn, a key of TURNS, that the route takes at the intersection where it is or which begins within so many m;
+    None: there is none.
+    """
+    for segment, start in zip(route.segments, route.starts):
+        if segment.crossing and start <= along + within and along < start + segment.length:
+            return next(name for name, quarter in TURNS.items() if quarter == np.sign(segment.curvature))
+    return None
+
+
 def lane_strip(route: Route, begin: float, end: float) -> Polygon:
     """The lane between its lines from `begin` to `end` m along the route, as a polygon of the world."""
     begin, end = max(begin, 0.0), min(end, route.length)

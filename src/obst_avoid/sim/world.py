@@ -20,7 +20,7 @@ from obst_avoid.sim.scenario import Scenario, place
 from obst_avoid.sim.sensor import SensorState, adapted, developed, mean_signal, settled, signal_factors
 from obst_avoid.sim.settings import SimulationSettings
 from obst_avoid.sim.things import Thing, footprint
-from obst_avoid.sim.town import locate, pose_at
+from obst_avoid.sim.town import locate, pose_at, turn_ahead
 from obst_avoid.sim.truth import obstacles_of
 from obst_avoid.sim.vehicle import STILL, Vehicle, body, driven, moved, told
 
@@ -30,6 +30,8 @@ STEP = 0.005
 """[s] of one step of the world; contact is looked for in each."""
 GROUND_SEEDS = 4
 """Different textures of a town; drawing one takes a second."""
+TURN_SAID = 1.0
+"""[m] before an intersection from where on the stack says which way the robot will take."""
 NEARBY = 0.6
 """[m] from the axle within which contact is possible at once."""
 
@@ -161,6 +163,11 @@ def lane_pose(world: World, place_: Place) -> Tuple[LanePose, World]:
     """What the lane filter says of this instant; it arrives pose_errors.delay later."""
     pose, wander = measured(world.lane_pose, world.wander, place_.pose_errors, place_.random)
     return pose, replace(world, wander=wander)
+
+
+def turn(world: World, place_: Place) -> Optional[str]:
+    """What a stack that knows its way says of the next intersection, a key of town.TURNS; None: there is none near."""
+    return turn_ahead(place_.scenario.route, world.along, TURN_SAID)
 
 
 def picture(world: World, place_: Place, renderer: Renderer) -> Tuple[Array, World]:
