@@ -11,7 +11,7 @@ import rospy
 import rostest
 from geometry_msgs.msg import PoseArray
 from helpers import ANSWER, START, Inbox, Repeating, nanoseconds, pose_array, publisher, wait_for
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obst_avoid.msg import BoolStamped, LaneControl, LanePose
@@ -23,6 +23,8 @@ OUTSIDE = (0.40, 0.0, -0.02)
 NAN = (0.40, math.nan, 0.02)
 STOP_HOLD, AGE_LIMIT = 1.0, 0.3
 """[s] of config/obstacle_avoidance_node.yaml."""
+LOOK_AHEAD, CORRIDOR = 0.65, 0.095
+"""[m] of the same: how far the corridor reaches, and half its width with the margin."""
 
 
 class Robot:
@@ -36,9 +38,12 @@ class Robot:
         self.before_anything: List[LaneControl] = []
         self._obstacles = publisher('/%s/obstacle_detection_node/posearray' % veh, PoseArray)
         self._lane_pose = publisher('/%s/lane_filter_node/lane_pose' % veh, LanePose)
+        self._own = publisher('/%s/obstacle_detection_node/lane_pose' % veh, LanePose)
+        self.turn = publisher('/%s/turn' % veh, String)
         self._lock = threading.Lock()
         self._scene: Optional[Sequence[Tuple[float, float, float]]] = ()
         self._d: Optional[float] = 0.0
+        self.own = False
         self._frame = veh + '/footprint'
         self.stamps: Set[int] = set()
 
@@ -47,6 +52,8 @@ class Robot:
         with self._lock:
             if self._d is not None:
                 self._lane_pose.publish(LanePose(header=Header(stamp=rospy.Time.now()), d=self._d))
+            if self.own:
+                self._own.publish(LanePose(header=Header(stamp=rospy.Time.now())))
             if self._scene is not None:
                 msg = pose_array(self._scene, rospy.Time.now(), self._frame)
                 self.stamps.add(nanoseconds(msg))
@@ -217,6 +224,23 @@ class Avoidance(unittest.TestCase):
         self.robot.sees([], d=None)
         self.refused('the lane pose is')
 
+    def test_our_own_lane_pose_is_enough(self) -> None:
+        robot = self.stop_only  # the other one would look for its lines for a while
+        robot.own = True
+        self.addCleanup(setattr, robot, 'own', False)
+        since = robot.sees([], d=None)
+        before = len(robot.control.all())
+        robot.control.wait(lambda msg: nanoseconds(msg) > since + 10**9, 'a second later', since=before)
+        self.assertEqual({msg.state for msg in robot.control.all()[before:]}, {LaneControl.CLEAR})
+        robot.own = False
+        robot.waits_until(LaneControl.FAULT, 'the lane pose is')
+
+    def test_a_turn_that_there_is_not_is_not_heard(self) -> None:
+        for turn in ('sideways', '', 'left', ''):
+            self.robot.turn.publish(String(turn))
+        self.robot.sees([BLOCKING])
+        self.robot.waits_until(LaneControl.STOPPED)
+
     def test_markers_for_those_who_look(self) -> None:
         self.robot.sees([BESIDE_RIGHT])
         self.robot.waits_until(LaneControl.AVOIDING)
@@ -231,8 +255,11 @@ class Avoidance(unittest.TestCase):
             self.assertIn(nanoseconds(marker), self.robot.stamps)
             self.assertGreater(nanoseconds(marker), since - 10**9, 'not one that was kept from earlier')
         region = named['region'].points
-        self.assertEqual((max(p.x for p in region), min(p.x for p in region)), (0.5, 0.0))
-        self.assertEqual((max(p.y for p in region), min(p.y for p in region)), (0.125, -0.125))
+        self.assertEqual(region[0], region[-1], 'it is closed')
+        self.assertAlmostEqual(max(p.x for p in region), LOOK_AHEAD, delta=0.05)
+        self.assertAlmostEqual(min(p.x for p in region), 0.0, delta=0.01)
+        self.assertAlmostEqual(max(p.y for p in region), CORRIDOR, delta=0.01)
+        self.assertAlmostEqual(min(p.y for p in region), -CORRIDOR, delta=0.01)
         self.assertGreater(named['path'].points[-1].y, 0.005, 'it passes at the left')
         deciding = named['deciding']
         distance = math.hypot(*BESIDE_RIGHT[:2])

@@ -49,12 +49,16 @@ CONTRACT = {
     'obstacle_avoidance_node': {
         '~posearray': 'obstacle_detection_node/posearray',
         '~lane_pose': 'lane_filter_node/lane_pose',
+        '~own_lane_pose': 'obstacle_detection_node/lane_pose',
+        '~car_cmd': 'lane_controller_node/car_cmd',
+        '~turn': 'turn',
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~obstacle_avoidance_active_flag': 'obstacle_avoidance_node/obstacle_avoidance_active_flag',
         '~markers': 'obstacle_avoidance_node/markers',
     },
     'lane_controller_node': {
         '~lane_pose': 'lane_filter_node/lane_pose',
+        '~own_lane_pose': 'obstacle_detection_node/lane_pose',
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~car_cmd': 'lane_controller_node/car_cmd',
     },
@@ -62,6 +66,7 @@ CONTRACT = {
         '~posearray': 'obstacle_detection_node/posearray',
         '~image_in/compressed': 'camera_node/image/compressed',
         '~image_in': 'camera_node/image',
+        '~plan': 'obstacle_avoidance_node/markers',
         '~markers': 'obstacle_detection_visual_node/markers',
         '~image': 'obstacle_detection_visual_node/image',
         '~bird_view': 'obstacle_detection_visual_node/bird_view',
@@ -83,6 +88,7 @@ CONTRACT = {
         '~lane_pose': 'lane_filter_node/lane_pose',
         '~car_cmd': 'lane_controller_node/car_cmd',
         '~lane_control': 'obstacle_avoidance_node/lane_control',
+        '~turn': 'turn',
         '~scenario': 'simulator_node/scenario',
         '~latency': 'simulator_node/latency',
         '~truth/pose': 'simulator_node/truth/pose',
@@ -163,7 +169,7 @@ def test_names_lead_to_the_topics_of_the_contract(name: str, arguments: Dict[str
     for node in config.nodes:
         if node.package == 'obst_avoid':
             wanted = {own: '/duck1/' + topic for own, topic in CONTRACT[node.type].items()}
-            if name == 'replay.launch' and node.type == 'obstacle_detection_node':
+            if name == 'replay.launch' and node.type in ('obstacle_detection_node', 'obstacle_avoidance_node'):
                 wanted['~car_cmd'] = '/duck1/replay_node/car_cmd'  # how the robot moved when it was recorded
             assert {own: resolved(node, own) for own in wanted} == wanted
             assert {own for own, _ in node.remap_args} <= set(wanted), 'a remap of a name that the node does not use'
@@ -220,6 +226,7 @@ def test_the_demo_records_what_the_report_reads() -> None:
     topics = {'/duck1/' + topic for topic in CONTRACT['simulator_node'].values()} - {'/duck1/camera_node/image'}
     assert topics <= set(recorder.args.split())
     assert '/duck1/obstacle_detection_node/posearray' in recorder.args.split()
+    assert '/duck1/obstacle_avoidance_node/markers' in recorder.args.split()
     assert '-O /a.bag' in recorder.args
     assert '/duck1/recorder' not in nodes_of(load_launch('demo.launch', veh='duck1'))
 
@@ -232,7 +239,7 @@ def test_robots_do_not_run_on_simulated_time() -> None:
 def test_profile_and_stage_override_the_yaml_only_when_given(name: str) -> None:
     config = load_launch(name, veh='duck1')
     assert param(config, '/duck1/obstacle_detection_node/profile') == 'robust'
-    assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'avoid_single'
+    assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'avoid_all'
     config = load_launch(name, veh='duck1', profile='paper', stage='stop_only')
     assert param(config, '/duck1/obstacle_detection_node/profile') == 'paper'
     assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'stop_only'

@@ -17,10 +17,11 @@ def mappings() -> Dict[str, Tuple[Type[Any], Dict[str, Any]]]:
     """Every node's settings class and the mapping that its YAML files make together."""
     detection = dict(read_yaml(str(CONFIG / 'obstacle_detection_node.yaml')))
     detection.update(read_yaml(str(CONFIG / 'bird_view.yaml')))
+    lane = read_yaml(str(CONFIG / 'lane_estimate.yaml'))
     return {
         'detection': (DetectionSettings, detection),
-        'avoidance': (AvoidanceSettings, dict(read_yaml(str(CONFIG / 'obstacle_avoidance_node.yaml')))),
-        'lane_control': (LaneControlSettings, dict(read_yaml(str(CONFIG / 'lane_controller_node.yaml')))),
+        'avoidance': (AvoidanceSettings, {**read_yaml(str(CONFIG / 'obstacle_avoidance_node.yaml')), **lane}),
+        'lane_control': (LaneControlSettings, {**read_yaml(str(CONFIG / 'lane_controller_node.yaml')), **lane}),
     }
 
 

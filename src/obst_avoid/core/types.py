@@ -1,8 +1,8 @@
 """The values that travel from stage to stage. SI units; frames as docs/architecture.md names them."""
 
 import enum
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Generic, Optional, Sequence, Tuple, TypeVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Callable, Generic, Mapping, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -104,7 +104,7 @@ class Decision:
     """What the lane controller shall do, and why.
 
     d_ref: [m] desired offset from the lane's centre, left positive. v_ref: [m/s] >= 0; 0 in STOPPED and FAULT.
-    reason: one clause for a person. obstacle: the one that decided, if one did.
+    reason: one clause for a person. obstacle: the one that decided, if one did. numbers: what it rests on, by name.
     """
 
     state: State
@@ -112,6 +112,7 @@ class Decision:
     v_ref: float
     reason: str
     obstacle: Optional[Obstacle] = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def active(self) -> bool:

@@ -6,11 +6,15 @@ from typing import Any
 
 import rospy
 from geometry_msgs.msg import PoseArray
+from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from obst_avoid.core.age import age
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide, restamped
+from obst_avoid.core.avoidance.corridor import TURNS, view_of
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
+from obst_avoid.core.avoidance.shown import view_in_picture
+from obst_avoid.core.motion import remembered
 from obst_avoid.core.settings import text
 from obst_avoid.core.types import Decision, Stamped, State
 from obst_avoid.msg import LaneControl
@@ -51,16 +55,40 @@ class AvoidanceNode:
         self._health = node.Health(self._settings.veh, self._diagnose)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
+        rospy.Subscriber('~own_lane_pose', self._messages.LanePose, self._on_own_lane_pose, queue_size=1)
+        rospy.Subscriber('~car_cmd', self._messages.Twist2DStamped, self._on_car_cmd, queue_size=10)
+        rospy.Subscriber('~turn', String, self._on_turn, queue_size=1)
         rospy.Subscriber('~posearray', PoseArray, node.callback(self._on_obstacles), queue_size=1)
 
     def _on_lane_pose(self, msg: Any) -> None:
+        pose = node.stamped_lane_pose(msg, 'lane pose')
+        if pose is not None:
+            with self._lock:
+                self._inputs = replace(self._inputs, lane_pose=pose)
+
+    def _on_own_lane_pose(self, msg: Any) -> None:
+        pose = node.stamped_lane_pose(msg, 'own lane pose')
+        if pose is not None:
+            with self._lock:
+                self._inputs = replace(self._inputs, own_lane_pose=pose)
+
+    def _on_car_cmd(self, msg: Any) -> None:
+        """A command counts from when it is heard: its stamp may be that of the picture that it rests on."""
         try:
-            pose = Stamped(border.nanoseconds(msg.header.stamp), border.lane_pose_from_msg(msg))
+            command = border.command_from_msg(msg)
         except border.BorderError as error:
-            node.dropped('lane pose', error)
+            node.dropped('car command', error)
+            return
+        now = border.nanoseconds(rospy.Time.now())
+        with self._lock:
+            self._inputs = replace(self._inputs, commands=remembered(self._inputs.commands, Stamped(now, command)))
+
+    def _on_turn(self, msg: String) -> None:
+        if msg.data and msg.data not in TURNS:
+            node.dropped('turn', ValueError('%r, expected one of: %s, or nothing' % (msg.data, ', '.join(TURNS))))
             return
         with self._lock:
-            self._inputs = replace(self._inputs, lane_pose=pose)
+            self._inputs = replace(self._inputs, turn=msg.data or None)
 
     def _on_obstacles(self, msg: PoseArray) -> None:
         try:
@@ -92,9 +120,10 @@ class AvoidanceNode:
         self._flag.publish(border.flag_from_decision(decision, stamp, self._messages.BoolStamped))
         if decision.state is not before.state:
             rospy.loginfo('%s: %s, %s', rospy.get_name(), decision.state.name, decision.reason)
-        if self._markers.get_num_connections() and inputs.lane_pose is not None:
-            pose = inputs.lane_pose.value
-            self._markers.publish(markers_from_decision(decision, pose, self._settings, stamp, self._frame))
+        if self._markers.get_num_connections() and self._memory.lane is not None:
+            view = view_in_picture(decision, inputs.commands, clock.now, stamp, self._settings)
+            view = view or view_of(decision, self._memory.lane.pose, self._settings)
+            self._markers.publish(markers_from_decision(decision, view, stamp, self._frame))
 
     def _diagnose(self, status: Any) -> None:
         with self._lock:
@@ -104,10 +133,17 @@ class AvoidanceNode:
         status.summary(node.ERROR if faulty else node.OK, '%s: %s' % (decision.state.name, decision.reason))
         status.add('stage', self._settings.stage)
         status.add('obstacle lists per second', '%.1f' % self._rate.read())
-        for name, value in (('obstacle list', inputs.obstacles), ('lane pose', inputs.lane_pose)):
+        ages = (
+            ('obstacle list', inputs.obstacles),
+            ('lane pose', inputs.lane_pose),
+            ('own lane pose', inputs.own_lane_pose),
+        )
+        for name, value in ages:
             status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))
         status.add('d_ref [m]', '%.3f' % decision.d_ref)
         status.add('v_ref [m/s]', '%.2f' % decision.v_ref)
+        for name, number in decision.numbers.items():
+            status.add(name, '%.3f' % number)
 
 
 def main() -> None:

@@ -81,10 +81,10 @@ class DetectionNode:
         except (PictureError, CalibrationError) as error:
             self._reason = node.dropped('picture', error)
             return
-        self._publisher.publish(border.pose_array_from_obstacles(scene.obstacles, stamp, self._frame))
-        if scene.lane_pose is not None:
+        if scene.lane_pose is not None:  # first, since the avoider decides when it hears of the obstacles
             pose = border.msg_from_lane_pose(scene.lane_pose, stamp, self._messages.LanePose)
             self._lane_pose_publisher.publish(pose)
+        self._publisher.publish(border.pose_array_from_obstacles(scene.obstacles, stamp, self._frame))
         self._milliseconds = 1e3 * (time.perf_counter() - begin)
         self._reason = '%d obstacles, %d of them in the lane' % (
             len(scene.obstacles),

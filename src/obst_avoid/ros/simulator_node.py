@@ -148,6 +148,8 @@ class SimulatorNode:
             'gap': rospy.Publisher('~truth/gap', Float32, queue_size=4),
             'contact': rospy.Publisher('~truth/contact', messages.BoolStamped, queue_size=4),
         }
+        self._turn: Optional[str] = None
+        self._turn_publisher = rospy.Publisher('~turn', String, queue_size=1, latch=True)
         self._latency = rospy.Publisher('~latency', Float32, queue_size=4)
         self._scenario = rospy.Publisher('~scenario', String, queue_size=1, latch=True)
         path = os.path.abspath(node.path_of_user(settings.scenario))
@@ -206,6 +208,10 @@ class SimulatorNode:
     def _sense(self, world: worlds.World, renderer: Renderer) -> worlds.World:
         """Publish the lane pose and the picture that are due."""
         place, now = self._place, world.time + 1e-9
+        turn = worlds.turn(world, place)
+        if turn != self._turn:
+            self._turn = turn
+            self._turn_publisher.publish(String(turn or ''))
         if now >= self._next_pose:
             self._next_pose += 1 / place.pose_errors.rate
             pose, world = worlds.lane_pose(world, place)
