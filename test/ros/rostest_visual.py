@@ -7,6 +7,7 @@ import time
 import unittest
 from typing import Any, List, Tuple
 
+import numpy as np
 import rospy
 import rostest
 from cv_bridge import CvBridge
@@ -27,10 +28,14 @@ from sensor_msgs.msg import CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
+from obst_avoid.core.avoidance.corridor import View
 from obst_avoid.core.picture import decode_jpeg
+from obst_avoid.core.types import Decision, State
+from obst_avoid.ros.markers import markers_from_decision
 
 NODE = '/duck1/obstacle_detection_visual_node'
 CAMERA = '/duck1/camera_node/image/compressed'
+PLAN = '/duck1/obstacle_avoidance_node/markers'
 INSIDE, OUTSIDE = (0.40, 0.03, 0.02), (0.50, -0.25, -0.03)
 """(x, y, z) on the wire."""
 
@@ -87,6 +92,7 @@ class Visual(unittest.TestCase):
         self.tell(INSIDE)
         time.sleep(0.3)
         self.assertEqual(subscribers_of(CAMERA), [], 'nobody looks: no picture crosses the network')
+        self.assertEqual(subscribers_of(PLAN), [], 'nor a plan')
         kinds = {'image': Image, 'image/compressed': CompressedImage}
         kinds.update({'bird_view': Image, 'bird_view/compressed': CompressedImage})
         inboxes = {name: Inbox('%s/%s' % (NODE, name), cls) for name, cls in kinds.items()}
@@ -120,7 +126,8 @@ class Visual(unittest.TestCase):
         self.assertGreater(int((change > 100).sum()), 50, 'no box drawn')
         for inbox in inboxes.values():
             inbox.close()
-        wait_for(lambda: self.tell(INSIDE) and not subscribers_of(CAMERA), ANSWER, 'it looks away again')
+        for topic in (CAMERA, PLAN):
+            wait_for(lambda: self.tell(INSIDE) and not subscribers_of(topic), ANSWER, 'it looks away again')  # noqa: B023
 
     def test_a_picture_that_comes_after_its_list_is_drawn_too(self) -> None:
         # On a laptop the list, a few bytes, may overtake the picture that it was made from.
@@ -138,6 +145,41 @@ class Visual(unittest.TestCase):
             return any(msg.header.stamp in stamps for msg in inbox.all())
 
         wait_for(seen, ANSWER, 'a late picture')
+
+    def test_the_plan_is_drawn_while_it_is_fresh(self) -> None:
+        pictures = {name: Inbox('%s/%s' % (NODE, name), Image).connected() for name in ('image', 'bird_view')}
+        for inbox in pictures.values():
+            self.addCleanup(inbox.close)
+        wait_for(lambda: self.tell(INSIDE) and subscribers_of(PLAN) == [NODE], ANSWER, 'it looks at the plan')
+        camera, plans = publisher(CAMERA, CompressedImage), publisher(PLAN, MarkerArray)
+        wait_for(lambda: subscribers_of(CAMERA) == [NODE], ANSWER, 'it looks at the camera')
+        corners = np.array([(0.0, 0.1), (1.0, 0.1), (1.0, -0.1), (0.0, -0.1), (0.0, 0.1)])
+        view = View(corners, np.array([(0.0, 0.0), (1.0, 0.0)]), (0.45, 0.0, 0.03))
+
+        def drawn(age: int) -> List[Any]:
+            """Both pictures of a stamp that is so many pictures' time after the newest plan's."""
+            type(self).number += 60
+            plan = Decision(State.AVOIDING, 0.0, 0.1, 'avoiding')
+            plans.publish(markers_from_decision(plan, view, stamp_of(self.number).to_nsec(), 'duck1/footprint'))
+            time.sleep(0.2)
+            type(self).number += age
+            stamp = stamp_of(self.number)
+
+            def both() -> Any:
+                camera.publish(compressed_image(jpeg_of(), stamp))
+                self.lists.publish(pose_array([], stamp, 'duck1/footprint'))
+                time.sleep(0.1)
+                found = [[msg for msg in inbox.all() if msg.header.stamp == stamp] for inbox in pictures.values()]
+                return [of[0] for of in found] if all(found) else None
+
+            return [CvBridge().imgmsg_to_cv2(msg, 'bgr8') for msg in wait_for(both, ANSWER, 'the pictures')]
+
+        plain, bare = drawn(age=30)
+        self.assertLess(np.abs(plain.astype(int) - picture_of()).mean(), 5, 'a plan 1 s old is not drawn')
+        shown, bird = drawn(age=2)
+        self.assertGreater(_changed(shown, plain), 50000)
+        self.assertGreater(_changed(bird, bare), 500)
+        self.assertGreater(int(shown[300, 250, 0]) - int(plain[300, 250, 0]), 10, 'in the blue of AVOIDING')
 
     def number_up(self) -> None:
         type(self).number += 1
@@ -161,6 +203,11 @@ class Visual(unittest.TestCase):
         for axis, wanted in (((0, 0, 1), (math.cos(pitch), 0, -math.sin(pitch))), ((1, 0, 0), (0, -1, 0))):
             for value, expected in zip(turned(turn, axis), wanted):
                 self.assertAlmostEqual(value, expected, delta=0.02)
+
+
+def _changed(one: Any, other: Any) -> int:
+    """How many pixels differ."""
+    return int((one != other).any(axis=2).sum())
 
 
 def turned(q: Any, v: Tuple[float, float, float]) -> Tuple[float, float, float]:

@@ -1,22 +1,24 @@
 """What rviz shows: obstacles, the region in which they count, the path chosen. Stamped, in the robot frame."""
 
-from typing import List, Sequence, Tuple
+from typing import Any, Dict, Sequence
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obst_avoid.core.avoidance.region import footprint_centre, region_outline
-from obst_avoid.core.avoidance.settings import AvoidanceSettings
-from obst_avoid.core.geometry import robot_from_lane
-from obst_avoid.core.types import Decision, LanePose, Obstacle, State
-from obst_avoid.ros.border import ros_time
+from obst_avoid.core.avoidance.corridor import View
+from obst_avoid.core.avoidance.known import footprint_centre
+from obst_avoid.core.types import Array, Decision, Obstacle, State
+from obst_avoid.ros.border import BorderError, ros_time
 
 RED, GREEN = ColorRGBA(0.9, 0.1, 0.1, 0.9), ColorRGBA(0.1, 0.8, 0.2, 0.9)
 YELLOW, BLUE = ColorRGBA(1.0, 0.8, 0.0, 1.0), ColorRGBA(0.2, 0.5, 1.0, 1.0)
 HEIGHT = 0.06
 """[m] of an obstacle's cylinder; the detector does not measure heights."""
+RIM = 0.04
+"""[m] that the disc under the obstacle that decides is wider than it."""
 LIFETIME = 1.0
 """[s] after which rviz drops a marker when its publisher died."""
 STATE_COLOR = {State.CLEAR: GREEN, State.SLOWING: YELLOW, State.AVOIDING: YELLOW, State.STOPPED: RED, State.FAULT: RED}
@@ -38,30 +40,64 @@ def markers_from_obstacles(obstacles: Sequence[Obstacle], shown_before: int, sta
     return MarkerArray(markers)
 
 
-def markers_from_decision(
-    decision: Decision, pose: LanePose, settings: AvoidanceSettings, stamp: int, frame_id: str
-) -> MarkerArray:
-    """The region in which obstacles count, the path chosen, the obstacle that decides, and the reason as text."""
+def markers_from_decision(decision: Decision, view: View, stamp: int, frame_id: str) -> MarkerArray:
+    """The corridor in which obstacles count, the path chosen, the obstacle that decides, and the reason as text."""
     header = Header(stamp=ros_time(stamp), frame_id=frame_id)
     color = STATE_COLOR[decision.state]
-    outline = region_outline(settings)
-    region = _line(header, 'region', color, [*outline, outline[0]])
-    path = _line(
-        header, 'path', BLUE, [robot_from_lane(x, decision.d_ref, pose) for x in (0.0, 0.25, settings.box_length)]
-    )
+    region = _line(header, 'region', color, view.region)
+    path = _line(header, 'path', BLUE, view.way)
     reason = _marker(header, 'reason', 0, Marker.TEXT_VIEW_FACING, color)
     reason.pose.position = Point(-0.1, 0.0, 0.1)
     reason.scale.z = 0.025
     reason.text = '%s\n%s' % (decision.state.name, decision.reason.replace(', ', ',\n'))
-    if decision.obstacle is None:
+    if view.deciding is None:
         return MarkerArray([region, path, reason, _deleted(header, 'deciding', 0)])
-    x, y = footprint_centre(decision.obstacle)
+    x, y, radius = view.deciding
     deciding = _marker(header, 'deciding', 0, Marker.CYLINDER, color)
     deciding.color = ColorRGBA(color.r, color.g, color.b, 0.4)
     deciding.pose.position = Point(x, y, 0.002)
-    width = 2 * (decision.obstacle.radius + settings.margin)
-    deciding.scale = Vector3(width, width, 0.004)
+    deciding.scale = Vector3(2 * radius + RIM, 2 * radius + RIM, 0.004)
     return MarkerArray([region, path, reason, deciding])
+
+
+def view_from_markers(msg: MarkerArray) -> View:
+    """The inverse of markers_from_decision, as to what it shows. Raises BorderError."""
+    shown = _shown(msg)
+    deciding = None
+    if 'deciding' in shown:
+        at, radius = shown['deciding'].pose.position, (shown['deciding'].scale.x - RIM) / 2
+        deciding = (at.x, at.y, radius)
+        _require_finite('deciding', deciding)
+    return View(_points_of(shown['region']), _points_of(shown['path']), deciding)
+
+
+def state_from_markers(msg: MarkerArray) -> State:
+    """The inverse of markers_from_decision, as to the decision's state. Raises BorderError."""
+    name = _shown(msg)['reason'].text.split('\n')[0]
+    if name not in State.__members__:
+        raise BorderError('the markers have state %r, expected one of: %s' % (name, ', '.join(State.__members__)))
+    return State[name]
+
+
+def _shown(msg: MarkerArray) -> Dict[str, Marker]:
+    """The markers of a decision by namespace, without those that are deleted."""
+    shown = {marker.ns: marker for marker in msg.markers if marker.action == Marker.ADD}
+    missing = [name for name in ('region', 'path', 'reason') if name not in shown]
+    if missing:
+        raise BorderError('the markers have no %s, expected a decision' % missing[0])
+    return shown
+
+
+def _points_of(marker: Marker) -> Array:
+    """(N, 2) [m] columns x, y."""
+    points = np.array([(point.x, point.y) for point in marker.points], dtype=np.float64).reshape(-1, 2)
+    _require_finite(marker.ns, points)
+    return points
+
+
+def _require_finite(name: str, numbers: Any) -> None:
+    if not np.isfinite(numbers).all():
+        raise BorderError('the marker %s has numbers that are none, expected finite ones' % name)
 
 
 def _marker(header: Header, namespace: str, identity: int, shape: int, color: ColorRGBA) -> Marker:
@@ -81,8 +117,8 @@ def _deleted(header: Header, namespace: str, identity: int) -> Marker:
     return Marker(header=header, ns=namespace, id=identity, action=Marker.DELETE)
 
 
-def _line(header: Header, namespace: str, color: ColorRGBA, points: List[Tuple[float, float]]) -> Marker:
+def _line(header: Header, namespace: str, color: ColorRGBA, points: Array) -> Marker:
     marker = _marker(header, namespace, 0, Marker.LINE_STRIP, color)
     marker.scale.x = 0.006
-    marker.points = [Point(x, y, 0.003) for x, y in points]
+    marker.points = [Point(x, y, 0.003) for x, y in points.tolist()]
     return marker

@@ -1,6 +1,6 @@
 """obstacle_detection_visual_node: markers for rviz, the camera picture and the bird view with boxes, for a laptop.
 
-Pictures cross the network and are drawn only while somebody looks at the result.
+Pictures and the avoider's plan cross the network and are drawn only while somebody looks at the result.
 """
 
 import collections
@@ -17,20 +17,32 @@ from sensor_msgs.msg import CompressedImage, Image
 from visualization_msgs.msg import MarkerArray
 
 from obst_avoid.core.age import age
+from obst_avoid.core.avoidance.corridor import View
 from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, warp
 from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
 from obst_avoid.core.picture import PictureError, encode_jpeg
 from obst_avoid.core.settings import choice, flag, group, text
-from obst_avoid.core.types import Array, Obstacle
+from obst_avoid.core.types import Array, Obstacle, State
 from obst_avoid.ros import border, node
-from obst_avoid.ros.markers import markers_from_obstacles
-from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture
+from obst_avoid.ros.markers import markers_from_obstacles, state_from_markers, view_from_markers
+from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture, draw_plan_on_bird_view, draw_plan_on_picture
 
 KEPT = 60
 """Pictures and obstacle lists that wait for each other: 2 s at 30 Hz. Over a network either may come first."""
 
+PLAN_AGE_LIMIT = 0.3
+"""[s] between a picture and a plan that is drawn on it."""
 
 Waiting = OrderedDict[int, Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the avoider made of a picture. stamp: [ns] of that picture."""
+
+    stamp: int
+    state: State
+    view: View
 
 
 @dataclass(frozen=True)
@@ -79,7 +91,8 @@ class VisualNode:
         self._lists: Waiting = collections.OrderedDict()
         self._newest: node.Newest[Tuple[int, Any, List[Obstacle]]] = node.Newest()
         self._stamp: Optional[int] = None
-        self._subscriber: Optional[rospy.Subscriber] = None
+        self._plan: Optional[Plan] = None
+        self._subscribers: List[rospy.Subscriber] = []
         self._shown = 0
         self._rate, self._reason = node.Rate(), 'nothing yet'
         self._markers = rospy.Publisher('~markers', MarkerArray, queue_size=1)
@@ -114,19 +127,33 @@ class VisualNode:
         self._rate.tick()
 
     def _subscribe(self, wanted: bool) -> None:
-        """Take pictures over the network only while somebody looks."""
-        if wanted and self._subscriber is None:
+        """Take pictures and plans over the network only while somebody looks."""
+        if wanted and not self._subscribers:
             compressed = self._settings.input == 'compressed'
             topic, cls = ('~image_in/compressed', CompressedImage) if compressed else ('~image_in', Image)
-            self._subscriber = rospy.Subscriber(topic, cls, self._on_picture, queue_size=1, buff_size=2**24)
-        elif not wanted and self._subscriber is not None:
-            self._subscriber.unregister()
-            self._subscriber = None
+            self._subscribers = [
+                rospy.Subscriber(topic, cls, self._on_picture, queue_size=1, buff_size=2**24),
+                rospy.Subscriber('~plan', MarkerArray, self._on_plan, queue_size=1),
+            ]
+        elif not wanted and self._subscribers:
+            for subscriber in self._subscribers:
+                subscriber.unregister()
+            self._subscribers = []
             with self._lock:
                 self._pictures.clear()
+                self._plan = None
 
     def _on_picture(self, msg: Union[CompressedImage, Image]) -> None:
         self._wait(self._pictures, border.nanoseconds(msg.header.stamp), msg)
+
+    def _on_plan(self, msg: MarkerArray) -> None:
+        try:
+            state, view = state_from_markers(msg), view_from_markers(msg)
+        except border.BorderError as error:
+            node.dropped('plan', error)
+            return
+        with self._lock:
+            self._plan = Plan(border.nanoseconds(msg.markers[0].header.stamp), state, view)
 
     def _wait(self, waiting: Waiting, stamp: int, value: Any) -> None:
         """Keep a picture or a list until its partner is there; then both go to the worker."""
@@ -153,10 +180,17 @@ class VisualNode:
         height, width = picture.shape[:2]
         if (self._view.calibration.width, self._view.calibration.height) != (width, height):
             self._view = make_bird_view(scaled(self._calibration, width, height), self._settings.bird_view)
+        with self._lock:
+            plan = self._plan
+        if plan is not None and abs(age(plan.stamp, stamp)) > PLAN_AGE_LIMIT:
+            plan = None
         if self._image.wanted():
-            self._image.publish(draw_on_picture(picture, obstacles, self._view), stamp, self._camera_frame)
+            drawn = picture if plan is None else draw_plan_on_picture(picture, plan.view, plan.state, self._view)
+            self._image.publish(draw_on_picture(drawn, obstacles, self._view), stamp, self._camera_frame)
         if self._bird.wanted():
             bird = warp(crop(picture, self._view), self._view)
+            if plan is not None:
+                bird = draw_plan_on_bird_view(bird, plan.view, plan.state, self._view)
             self._bird.publish(draw_on_bird_view(bird, obstacles), stamp, self._frame)
 
     def _diagnose(self, status: Any) -> None:

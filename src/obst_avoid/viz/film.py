@@ -7,16 +7,25 @@ from typing import List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from obst_avoid.core.avoidance.corridor import View
 from obst_avoid.core.bird_view import BirdView, crop, warp
-from obst_avoid.core.types import Array, Decision, Obstacle, State
-from obst_avoid.viz.overlay import FONT, INSIDE, OUTSIDE, SHADE, TEXT, draw_on_bird_view, draw_on_picture
+from obst_avoid.core.types import Array, Decision, Obstacle
+from obst_avoid.viz.overlay import (
+    FONT,
+    INSIDE,
+    OUTSIDE,
+    SHADE,
+    STATE_COLORS,
+    TEXT,
+    draw_on_bird_view,
+    draw_on_picture,
+    draw_plan_on_bird_view,
+    draw_plan_on_picture,
+    label,
+)
 
 SIZE = (1120, 640)
 """[px] width, height of the film."""
-STATE_COLORS = {
-    State.CLEAR: (80, 160, 60), State.SLOWING: (0, 165, 255), State.AVOIDING: (200, 130, 30),
-    State.STOPPED: (40, 40, 220), State.FAULT: (130, 50, 150),
-}  # fmt: skip
 ROBOT, PATH = (230, 120, 40), (80, 220, 255)
 AHEAD, BEHIND, HALF = 0.066, 0.114, 0.075
 """[m] of the robot that is drawn."""
@@ -39,7 +48,8 @@ class Shot:
     """What one picture of the film shows. time: [s]. picture: (H, W, 3) uint8 BGR. speed: [m/s] as commanded.
 
     pose: x, y [m], heading [rad] in the world, where it is known. standing: the obstacles that are there, in truth:
-    x and y [m] in the world, and whether it stands in the lane.
+    x and y [m] in the world, and whether it stands in the lane. plan: the decision's, from where the robot was when the
+    picture was taken; None: nobody knows it.
     """
 
     time: float
@@ -49,24 +59,29 @@ class Shot:
     speed: float
     pose: Optional[Tuple[float, float, float]] = None
     standing: Sequence[Tuple[float, float, Optional[bool]]] = ()
+    plan: Optional[View] = None
 
 
 def compose(shot: Shot, view: BirdView, town: Optional[Map], path: Sequence[Tuple[float, float]], title: str) -> Array:
     """(640, 1120, 3) uint8. path: where the robot has been, x and y in the world, m."""
     canvas = np.full((SIZE[1], SIZE[0], 3), SHADE, dtype=np.uint8)
     left, right = 640, SIZE[0] - 640
-    _paste(canvas, draw_on_picture(shot.picture, shot.obstacles, view), (0, 0, left, 480))
-    bird = draw_on_bird_view(warp(crop(shot.picture, view), view), shot.obstacles)
+    picture, bird = shot.picture, warp(crop(shot.picture, view), view)
+    if shot.plan is not None:
+        picture = draw_plan_on_picture(picture, shot.plan, shot.decision.state, view)
+        bird = draw_plan_on_bird_view(bird, shot.plan, shot.decision.state, view)
+    _paste(canvas, draw_on_picture(picture, shot.obstacles, view), (0, 0, left, 480))
+    bird = draw_on_bird_view(bird, shot.obstacles)
     height = min(round(bird.shape[0] * right / bird.shape[1]), 300)
     _paste(canvas, bird, (left, 0, right, height))
-    _words(canvas, 'from above, as the robot works it out', (left + 8, 20), 0.45)
+    label(canvas, 'from above, as the robot works it out', (left, 0), SHADE, 0.45)
     if town is not None:
         _paste(canvas, _drawn_map(town, shot, path), (left, height + 6, right, SIZE[1] - height - 6))
     color = STATE_COLORS[shot.decision.state]
     cv2.rectangle(canvas, (0, 480), (left, 516), color, -1)
     _words(canvas, shot.decision.state.name, (10, 506), 0.8)
     _words(canvas, '%.1f s   %.2f m/s' % (shot.time, shot.speed), (left - 210, 504), 0.6)
-    for index, line in enumerate(_wrapped(shot.decision.reason, 62)[:2]):
+    for index, line in enumerate(_wrapped(shot.decision.reason, 66)[:2]):
         _words(canvas, line, (10, 544 + 24 * index), 0.55)
     inside = sum(obstacle.in_lane is not False for obstacle in shot.obstacles)
     count = '%d in the lane (red), %d outside (green)' % (inside, len(shot.obstacles) - inside)
