@@ -541,7 +541,7 @@ class TestRunBag:
         )
         assert summary['stops'] == 1
         assert summary['releases'] == 1
-        assert summary['activations'] == 1, 'when it drives on, the second one is near already'
+        assert summary['activations'] == 2, 'the duckie in the lane, and the one at the side'
         assert summary['faults'] == 0
 
     def test_it_writes_what_the_nodes_would_publish(self, ran: Path) -> None:
