@@ -42,7 +42,7 @@ EMPTY = 8.25
 """[s] into the drive, when the last duckie has dropped out of the bird view."""
 FORGETTING = {'paper': 0.1, 'robust': 0.8}
 """[s] after which what went away is not reported any more; robust goes by several pictures, of which some are lost."""
-RANGE = 0.75
+RANGE = 0.65
 """[m] within which the duckie must be found: farther away it is a few pixels, and the report finds it 6 cm off."""
 
 
