@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from obst_avoid.core.calibration import Calibration
+from obst_avoid.core.daffy import Pace
 from obst_avoid.core.lane_control import Reference, reference_from_decision
 from obst_avoid.core.picture import PictureError, check_picture, decode_jpeg
 from obst_avoid.core.types import Array, Box, Command, Decision, LanePose, Obstacle, State
@@ -128,7 +129,12 @@ def reference_from_lane_control(msg: LaneControl) -> Reference:
 
 def flag_from_decision(decision: Decision, stamp: int, cls: Any) -> Any:
     """The 2018 interface. cls: the BoolStamped class to use."""
-    return cls(header=Header(stamp=ros_time(stamp)), data=decision.active)
+    return flag(decision.active, stamp, cls)
+
+
+def flag(value: bool, stamp: int, cls: Any) -> Any:
+    """cls: the BoolStamped class to use."""
+    return cls(header=Header(stamp=ros_time(stamp)), data=value)
 
 
 def msg_from_command(command: Command, stamp: int, cls: Any) -> Any:
@@ -140,6 +146,15 @@ def command_from_msg(msg: Any) -> Command:
     """The inverse of msg_from_command."""
     _require_finite('the car command', v=msg.v, omega=msg.omega)
     return Command(msg.v, msg.omega)
+
+
+def stop_line_reading(pace: Pace, stamp: int, cls: Any) -> Any:
+    """What slows today's lane controller down, or stops it. cls: the StopLineReading class to use."""
+    return cls(
+        header=Header(stamp=ros_time(stamp)),
+        stop_line_detected=pace is not Pace.FULL,
+        at_stop_line=pace is Pace.STAND,
+    )
 
 
 def picture_from_compressed_image(msg: CompressedImage) -> Array:

@@ -1,8 +1,8 @@
-"""Which package's classes to use for the three messages that Duckietown's stack defines too."""
+"""Which package's classes to use for messages that Duckietown's stack defines too."""
 
 import importlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, List
 
 OWN, DUCKIETOWN = 'obst_avoid', 'duckietown_msgs'
 
@@ -27,8 +27,13 @@ def find_messages(package: str) -> Messages:
             return find_messages(DUCKIETOWN)
         except MessagesError:
             return find_messages(OWN)
+    return Messages(*find_classes(package, 'LanePose', 'BoolStamped', 'Twist2DStamped'))
+
+
+def find_classes(package: str, *names: str) -> List[Any]:
+    """Message classes of one package by their names. Raises MessagesError."""
     try:
         module = importlib.import_module(package + '.msg')
-        return Messages(module.LanePose, module.BoolStamped, module.Twist2DStamped)
+        return [getattr(module, name) for name in names]
     except (ImportError, AttributeError) as error:
         raise MessagesError('msgs_package = %s, expected a package with messages: %s' % (package, error)) from error

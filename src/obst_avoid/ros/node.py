@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, Generic, Optional, Type, TypeVar
 
 import diagnostic_updater
+import rosgraph
 import rospkg
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,6 +24,8 @@ _broken = threading.Event()
 _warned: Dict[str, float] = {}
 REPEAT = 2.0
 """[s] of wall time between two warnings of one kind."""
+MASTER_PERIOD = 1.0
+"""[s] of wall time between two looks at the master."""
 
 S = TypeVar('S')
 T = TypeVar('T')
@@ -40,6 +43,7 @@ def run(name: str, start: Callable[[], Any]) -> None:
     except (SettingsError, CalibrationError, MessagesError, NodeError) as error:
         rospy.logfatal('%s: %s', rospy.get_name(), error)
         sys.exit(1)
+    every(MASTER_PERIOD, MasterWatch().look)
     rospy.spin()
     del node
     if _broken.is_set():
@@ -131,6 +135,36 @@ def _guarded(function: Callable[[], None]) -> None:
             _end('ending after an unexpected error:\n%s' % traceback.format_exc())
 
     threading.Thread(target=target, daemon=True).start()
+
+
+class MasterWatch:
+    """Notices that the master was restarted.
+
+    A node that a new master does not know goes on with the links that it has, but whoever starts later never finds it.
+    So it ends, for roslaunch to start it again; and since the new master has lost all parameters, it leaves there what
+    it was started with. While there is no master at all it goes on.
+    """
+
+    def __init__(self) -> None:
+        self._master = rosgraph.Master(rospy.get_name())
+        self._parameters = rospy.get_param('~', {})
+        self._simulated = rospy.get_param('/use_sim_time', False)
+        self._missing = 0
+
+    def look(self) -> None:
+        """Once every MASTER_PERIOD."""
+        try:
+            self._master.lookupNode(rospy.get_name())
+            self._missing = 0
+        except rosgraph.MasterError:
+            self._missing += 1
+        except (OSError, rosgraph.MasterException):
+            return
+        if self._missing < 2 or ending():  # one may be a look at a node that is just beginning, or ending
+            return
+        self._master.setParam('/use_sim_time', self._simulated)
+        self._master.setParam(rospy.get_name(), self._parameters)
+        raise NodeError('the master was restarted, ending to be started again')
 
 
 def _end(why: str) -> None:
