@@ -5,10 +5,11 @@ from dataclasses import replace
 from typing import Any, List, Optional, Sequence, Tuple
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.avoidance.known import Known
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Stamped, State
 from property.strategies import lane_poses, numbers, obstacle_lists
@@ -31,7 +32,8 @@ def inputs_of(
 ) -> Inputs:
     """Fresh inputs."""
     own_pose = Stamped(now, replace(pose, covariance=SURE)) if own else None
-    return Inputs(Stamped(now, tuple(obstacles)), Stamped(now, pose), own_pose, told, turn)
+    heard = None if turn is None else Stamped(now, turn)
+    return Inputs(Stamped(now, tuple(obstacles)), Stamped(now, pose), own_pose, told, heard)
 
 
 def run(sequence: Sequence[Any], rules: AvoidanceSettings, turn: Optional[str] = None) -> List[Decision]:
@@ -61,6 +63,9 @@ def alone(obstacles: Sequence[Obstacle], d: float, v: float, rules: AvoidanceSet
     ahead=numbers(0.07, 0.6), left=numbers(-0.2, 0.2), radius=numbers(0.005, 0.05),
     in_lane=st.sampled_from([True, False, None]), d=numbers(-0.03, 0.03), v=numbers(0.0, 0.2), stage=stages,
 )  # fmt: skip
+@example(ahead=0.094, left=0.0, radius=0.016, in_lane=True, d=0.0, v=0.125, stage='stop_only')
+@example(ahead=0.115, left=0.0, radius=0.03, in_lane=None, d=0.0, v=0.2, stage='avoid_all')
+@example(ahead=0.1, left=0.06, radius=0.03, in_lane=True, d=0.0, v=0.2, stage='avoid_all')
 def test_while_it_moves_the_way_is_clear_over_the_braking_distance(
     avoidance_settings: AvoidanceSettings,
     ahead: float,
@@ -104,6 +109,37 @@ def test_the_same_obstacle_farther_away_never_brakes_harder(
     near = alone([at(ahead, left, radius, in_lane)], 0.0, v, rules)
     far = alone([at(ahead + farther, left, radius, in_lane)], 0.0, v, rules)
     assert far.v_ref >= near.v_ref - 1e-9
+
+
+@given(
+    ahead=numbers(0.25, 0.8), farther=numbers(0.0, 0.5), left=numbers(-0.2, 0.2), error=numbers(0.001, 0.03),
+    radius=numbers(0.005, 0.06), in_lane=st.sampled_from([True, False, None]), stage=stages,
+)  # fmt: skip
+@example(ahead=0.3, farther=0.1, left=0.14, error=0.02, radius=0.02, in_lane=True, stage='avoid_all')
+def test_nor_does_one_that_is_known_for_a_while_and_as_surely(
+    avoidance_settings: AvoidanceSettings,
+    ahead: float,
+    farther: float,
+    left: float,
+    error: float,
+    radius: float,
+    in_lane: Optional[bool],
+    stage: str,
+) -> None:
+    # what is farther is less sure, and may slow the robot down where it did not; here both are as sure
+    rules, decisions = replace(avoidance_settings, stage=stage), []
+    before = START - 1000 * MS
+    for x in (ahead, ahead + farther):
+        seen = at(x, left, radius, in_lane)
+        known = Known(
+            x, left, radius, in_lane, START - 50 * MS, before, left=left, left_error=error, placed=START - 50 * MS
+        )
+        first = inputs_of(before, [seen], LanePose(0.0, 0.0), True, ())
+        _, memory = decide(first, Memory(), before, rules)
+        inputs = replace(inputs_of(START, [seen], LanePose(0.0, 0.0), False, ()), own_lane_pose=None)
+        memory = replace(memory, known=(known,), known_stamp=START - 50 * MS, stopped=None)
+        decisions.append(decide(inputs, memory, START, rules)[0])
+    assert decisions[1].v_ref >= decisions[0].v_ref - 1e-9
 
 
 @given(sequence=pictures, lane_width=numbers(0.15, 0.3), margin=numbers(0.0, 0.05), stage=stages)

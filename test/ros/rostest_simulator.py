@@ -37,6 +37,7 @@ obstacles:
 clutter: 0
 light: {color: white, strength: 1.0, lamps: 1, glare: 0.0, unevenness: 0.0, headlight: 0.0}
 pose_errors: real
+turn_said: true           # whether anybody says which turn the robot will take
 duration: 7.0
 success: {must: stop, goal: 3.0, smallest_gap: 0.05, largest_gap: 0.45}
 """

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cv_bridge import CvBridge
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
@@ -117,7 +117,11 @@ def test_a_radius_of_nothing(z: float) -> None:
         border.obstacles_from_pose_array(msg, FRAME)
 
 
-@given(floats32, floats32, floats32, stamps)
+offsets = st.floats(min_value=-border.LARGEST_OFFSET, max_value=border.LARGEST_OFFSET, width=32)
+bends = st.floats(min_value=-border.LARGEST_CURVATURE, max_value=border.LARGEST_CURVATURE, width=32)
+
+
+@given(offsets, floats32, bends, stamps)
 def test_lane_poses_come_back(d: float, phi: float, curvature: float, stamp: int) -> None:
     pose = LanePose(d, phi, curvature)
     msg = on_the_wire(border.msg_from_lane_pose(pose, stamp, messages.LanePose))
@@ -130,6 +134,7 @@ variances = st.floats(min_value=0, max_value=10, width=32, exclude_min=True)
 
 @given(variances, floats32, variances, stamps)
 def test_covariances_come_back(dd: float, dp: float, pp: float, stamp: int) -> None:
+    assume(dp**2 <= dd * pp)
     pose = LanePose(0.0, 0.0, 0.0, (dd, dp, dp, pp))
     msg = on_the_wire(border.msg_from_lane_pose(pose, stamp, messages.LanePose))
     assert tuple(msg.d_phi_covariance) == pose.covariance
@@ -148,6 +153,7 @@ def test_a_covariance_that_is_not_known_is_zeros_on_the_wire() -> None:
         (1, 0, 0, 0),
         (0, 0, 0, 1),
         (-1, 0, 0, 1),
+        (1e-4, 0.02, 0.02, 1e-4),
         (math.nan, 0, 0, 1),
         (1, 0, math.inf, 1),
         (1, 0, 0, math.nan),

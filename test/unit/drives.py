@@ -46,6 +46,7 @@ def mapping(*obstacles: Dict[str, Any], success: Optional[Dict[str, Any]] = None
         'clutter': 0,
         'light': LIGHT,
         'pose_errors': 'clean',
+        'turn_said': True,
         'duration': 20.0,
         'success': {'must': 'stop', 'goal': 2.5, 'smallest_gap': 0.05, 'largest_gap': 0.45, **(success or {})},
         **changes,

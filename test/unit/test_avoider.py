@@ -90,7 +90,7 @@ SOON = obstacle(0.45, -0.105)
 """To be passed on the left, and so near that it counts at once."""
 MIDDLE = obstacle(0.3, 0.0)
 OUTSIDE = obstacle(0.3, -0.1, in_lane=False)
-FAR = obstacle(1.1, 0.0)
+FAR = obstacle(1.5, 0.0)
 
 
 # decide: one picture
@@ -99,7 +99,7 @@ FAR = obstacle(1.1, 0.0)
 @pytest.mark.parametrize(
     'obstacles, state, d_ref, v_ref, reason',
     [
-        pytest.param([obstacle(0.45, -0.11)], AVOID, 0.01, 0.12, 'avoiding', id='right and near: slowly'),
+        pytest.param([obstacle(0.45, -0.11)], AVOID, 0.03, 0.12, 'avoiding', id='right and near: slowly'),
         pytest.param([], CLEAR, 0.0, 0.2, 'clear: no obstacle in the lane', id='nothing'),
         pytest.param([FAR], CLEAR, 0.0, 0.2, 'clear: no obstacle in the lane', id='too far'),
         pytest.param([obstacle(0.6, 0.0)], CLEAR, 0.0, 0.2, 'clear', id='in the way, but nothing to do yet'),
@@ -201,6 +201,16 @@ def test_the_corridor_bends(settings: AvoidanceSettings, inputs: Inputs, state: 
     assert decision.state is state and reason in decision.reason
 
 
+def test_a_turn_that_was_heard_long_ago_says_nothing(settings: AvoidanceSettings) -> None:
+    _, memory = decide(seen(), Memory(), NOW, settings)
+    later = NOW + 1000 * MS
+    _, memory = decide(replace(seen(at=later), own_lane_pose=None), memory, later, settings)
+    now = later + 50 * MS
+    heard = Stamped(now - round(settings.turn_age_limit * 1e9) - MS, 'straight')
+    scene = seen(obstacle(0.22, -0.22), at=now)
+    assert decide(replace(scene, own_lane_pose=None, turn=heard), memory, now, settings)[0].state is STOP
+
+
 @pytest.mark.parametrize(
     'turn, place, state',
     [
@@ -218,7 +228,9 @@ def test_an_intersection(settings: AvoidanceSettings, turn: Optional[str], place
     later = NOW + 1000 * MS
     _, memory = decide(replace(seen(at=later), own_lane_pose=None), memory, later, settings)  # the lines have ended
     now = later + 50 * MS
-    decision, _ = decide(replace(seen(place, at=now), own_lane_pose=None, turn=turn), memory, now, settings)
+    decision, _ = decide(
+        replace(seen(place, at=now), own_lane_pose=None, turn=turn and Stamped(now, turn)), memory, now, settings
+    )
     assert decision.state is state
 
 

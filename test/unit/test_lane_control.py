@@ -6,7 +6,7 @@ from typing import List, Optional, Tuple
 
 import pytest
 
-from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
+from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, learning
 from obst_avoid.core.types import Command, LanePose, Stamped
 
 NOW = 1_700_000_000_000_000_000
@@ -151,3 +151,54 @@ def test_it_stays_stable_with_the_delay_of_the_stack(settings: LaneControlSettin
     # 0.3 s at 0.2 m/s are 6 cm
     path = driven(LanePose(0.05, 0.0), FOLLOW, 2.0, settings, delay=6)
     assert max(abs(d) for d, _ in path[100:]) < 0.005
+
+
+def taught(pose: LanePose, reference: Reference, settings: LaneControlSettings, learned: float = 0.0) -> float:
+    """After 10 cm."""
+    return learning(learned, Stamped(NOW, pose), Stamped(NOW, reference), 0.1, settings)
+
+
+@pytest.mark.parametrize(
+    'pose, reference, way',
+    [
+        pytest.param(LanePose(0.01, 0), FOLLOW, -1, id='stays left: turns right'),
+        pytest.param(LanePose(-0.01, 0), FOLLOW, 1, id='stays right: turns left'),
+        pytest.param(LanePose(0, 0.2), FOLLOW, 0, id='a heading teaches nothing'),
+        pytest.param(LanePose(0.03, 0), Reference(True, 0.03, 0.1), 0, id='where it shall be'),
+        pytest.param(LanePose(0.02, 0), Reference(True, 0.03, 0.1), 1, id='right of where it shall be'),
+        pytest.param(LanePose(0.05, 0), FOLLOW, 0, id='a great offset teaches nothing'),
+    ],
+)
+def test_it_learns_from_offsets_that_stay(
+    settings: LaneControlSettings, pose: LanePose, reference: Reference, way: int
+) -> None:
+    found = taught(pose, reference, settings)
+    assert found == pytest.approx(0, abs=1e-12) if way == 0 else found * way > 0
+
+
+def test_what_it_learns_is_limited_and_forgotten(settings: LaneControlSettings) -> None:
+    learned = 0.0
+    for _ in range(1000):
+        learned = taught(LanePose(-0.01, 0), FOLLOW, settings, learned)
+    assert learned == settings.largest_learned
+    assert learning(learned, None, Stamped(NOW, FOLLOW), 0.1, settings) == 0.0
+    assert learning(learned, Stamped(NOW, LanePose(0, 0)), None, 0.1, settings) == 0.0
+    still = learning(learned, Stamped(NOW, LanePose(0.01, 0)), Stamped(NOW, FOLLOW), 0.0, settings)
+    assert still == learned, 'a robot that stands learns nothing'
+
+
+@pytest.mark.parametrize('pull, lie', [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.05), (0.15, -0.04)])
+def test_a_robot_that_pulls_or_is_told_a_wrong_heading_comes_to_the_middle(
+    settings: LaneControlSettings, pull: float, lie: float
+) -> None:
+    # pull: [rad/m] beyond what it is told. lie: [rad] by which its heading is said wrongly. 4 m
+    d, phi, learned, offsets = 0.03, 0.0, 0.0, []
+    for _ in range(400):
+        said, reference = Stamped(NOW, LanePose(d, phi + lie)), Stamped(NOW, FOLLOW)
+        learned = learning(learned, said, reference, 0.01, settings)
+        told = control(said, reference, 0.0, NOW, settings, learned)[0]
+        d += 0.01 * math.sin(phi)
+        phi += 0.01 * (told.omega / told.v + pull)
+        offsets.append(d)
+    assert abs(offsets[-1]) < 0.001
+    assert min(offsets) > -0.02 and max(offsets) < 0.035

@@ -17,6 +17,9 @@ class LaneControlSettings:
     cruise_speed: float = number('m/s', above=0)
     largest_speed: float = number('m/s', above=0)
     convergence_length: float = number('m', above=0)
+    learning_length: float = number('m', above=0)
+    learning_offset: float = number('m', at_least=0)
+    largest_learned: float = number('1/m', at_least=0)
     damping: float = number('ratio', above=0)
     largest_omega: float = number('rad/s', above=0)
     lane_pose_age_limit: float = number('s', above=0)
@@ -47,10 +50,12 @@ def control(
     clock_stood: float,
     now: int,
     settings: LaneControlSettings,
+    learned: float = 0.0,
 ) -> Tuple[Command, str]:
     """One command, and why if it is a stop.
 
     lane_pose: where the robot will be when the wheels obey, see lane_estimate.believed.
+    learned: [1/m] the bend that keeps the robot where it shall be, see learning.
     reference: stamped with its time of arrival. clock_stood: [s] of wall time since ROS time last moved.
     now: ROS time in ns.
     The offset from d_ref shrinks like a damped oscillator over the metres driven, whatever the speed:
@@ -68,6 +73,27 @@ def control(
     if speed <= 0:
         return Command(0.0, 0.0), 'stopping: asked to by the avoider'
     length = settings.convergence_length
-    bend = pose.curvature - (pose.d - d_ref) / length**2 - 2 * settings.damping * math.sin(pose.phi) / length
+    bend = pose.curvature + learned - (pose.d - d_ref) / length**2 - 2 * settings.damping * math.sin(pose.phi) / length
     omega = max(-settings.largest_omega, min(settings.largest_omega, speed * bend))
     return Command(speed, omega), 'tracking d_ref %+.3f m at %.2f m/s' % (d_ref, speed)
+
+
+def learning(
+    learned: float,
+    lane_pose: Optional[Stamped[LanePose]],
+    reference: Optional[Stamped[Reference]],
+    metres: float,
+    settings: LaneControlSettings,
+) -> float:
+    """[1/m] the bend that the robot needs beyond the lane's, after so many metres more: the integral of its offset.
+
+    It makes up for wheels that pull, and for a heading that is wrong all the time, by a camera that looks aside for
+    example. Only small offsets teach: a greater one is a new d_ref, or a curve that begins.
+    """
+    if lane_pose is None or reference is None:
+        return 0.0
+    offset = lane_pose.value.d - (reference.value.d_ref if reference.value.active else 0.0)
+    if abs(offset) > settings.learning_offset:
+        return learned
+    more = -offset / settings.convergence_length**2 * metres / settings.learning_length
+    return max(-settings.largest_learned, min(settings.largest_learned, learned + more))

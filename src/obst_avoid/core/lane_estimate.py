@@ -83,10 +83,11 @@ class Ahead:
 class LaneEstimate:
     """What is known of the robot's place in its lane at one time.
 
-    stamp: [ns] ROS time. belief: by all sources. filtered: by the stack's filter alone, None before its first pose.
-    filter_stamp, own_stamp: [ns] of the latest lane pose of each source, None before the first. lines_stamp: of the
-    latest one of our own that was believed. agreed_stamp: of the latest pose that did not contradict all that was
-    known. ahead: the lane as it was seen at places that the robot has not come to, nearest first.
+    stamp: [ns] ROS time. begun: [ns] of the pose that it began with. belief: by all sources. filtered: by the stack's
+    filter alone, None before its first pose. filter_stamp, own_stamp: [ns] of the latest lane pose of each source,
+    None before the first. lines_stamp: of the latest one of our own that was believed. agreed_stamp: of the latest
+    pose that did not contradict all that was known. ahead: the lane as it was seen at places that the robot has not
+    come to, nearest first.
     """
 
     stamp: int
@@ -97,6 +98,7 @@ class LaneEstimate:
     lines_stamp: Optional[int] = None
     agreed_stamp: Optional[int] = None
     ahead: Tuple[Ahead, ...] = ()
+    begun: int = 0
 
     @property
     def pose(self) -> LanePose:
@@ -216,7 +218,7 @@ def _with_filter(
     said = _by_filter(measured.value, settings)
     if before is None:
         said = _beginning(said, settings)
-        return LaneEstimate(measured.stamp, said, said, filter_stamp=measured.stamp)
+        return LaneEstimate(measured.stamp, said, said, filter_stamp=measured.stamp, begun=measured.stamp)
     estimate, said = _met(before, said, measured.stamp, commands, settings)
     agreed = _agreed_last(estimate, estimate.filtered, said, measured.stamp, settings.gate)
     if age(agreed, measured.stamp) > settings.lost_time:
@@ -238,11 +240,14 @@ def _with_own(
 ) -> LaneEstimate:
     """The estimate after a pose of our own."""
     if before is None:
-        estimate = LaneEstimate(measured.stamp, _beginning(_by_lines(measured.value, 0.0, settings), settings))
+        belief = _beginning(_by_lines(measured.value, 0.0, settings), settings)
+        estimate = LaneEstimate(measured.stamp, belief, begun=measured.stamp)
     else:
         bend = float((before.filtered or before.belief).mean[2])
         said = _by_lines(measured.value, bend, settings)
         estimate, said = _met(before, said, measured.stamp, commands, settings)
+        if estimate.filter_stamp is None or age(estimate.filter_stamp, measured.stamp) > settings.lost_time:
+            estimate = replace(estimate, filtered=None)  # silent: nothing speaks against our lines
         if estimate.filtered is None:
             agreed = _agreed_last(estimate, estimate.belief, said, measured.stamp, settings.gate)
             if age(agreed, measured.stamp) > settings.lost_time:

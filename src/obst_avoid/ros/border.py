@@ -21,6 +21,8 @@ from obst_avoid.core.types import Array, Box, Command, Decision, LanePose, Obsta
 from obst_avoid.msg import LaneControl
 
 _BRIDGE = CvBridge()
+LARGEST_OFFSET, LARGEST_CURVATURE = 5.0, 50.0
+"""[m], [1/m] of a lane pose: no road is so wide, no lane so bent."""
 
 
 class BorderError(ValueError):
@@ -93,8 +95,14 @@ def lane_pose_from_msg(msg: Any) -> LanePose:
     A covariance that is none, zeros or NaN for example, comes back as not known.
     """
     _require_finite('the lane pose', d=msg.d, phi=msg.phi, curvature=msg.curvature)
+    if abs(msg.d) > LARGEST_OFFSET or abs(msg.curvature) > LARGEST_CURVATURE:
+        raise BorderError(
+            'the lane pose has d = %g m and curvature = %g 1/m, expected at most %g m and %g 1/m'
+            % (msg.d, msg.curvature, LARGEST_OFFSET, LARGEST_CURVATURE)
+        )
     dd, dp, pd, pp = msg.d_phi_covariance
     usable = all(math.isfinite(value) for value in (dd, dp, pd, pp)) and dd > 0 and pp > 0
+    usable = usable and ((dp + pd) / 2) ** 2 <= dd * pp
     return LanePose(msg.d, msg.phi, msg.curvature, (dd, dp, pd, pp) if usable else None)
 
 

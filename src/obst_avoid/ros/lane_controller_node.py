@@ -7,7 +7,7 @@ from typing import Any, Optional, Tuple
 import rospy
 
 from obst_avoid.core.age import age, fresh
-from obst_avoid.core.lane_control import LaneControlSettings, Reference, control
+from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, learning
 from obst_avoid.core.lane_estimate import LaneEstimate, believed, followed
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.settings import text
@@ -41,6 +41,7 @@ class ControllerNode:
         self._commands: Tuple[Stamped[Command], ...] = ()
         self._reference: Optional[Stamped[Reference]] = None
         self._commanded, self._commanded_wall = 0, 0.0
+        self._learned = 0.0
         self._command, self._reason = Command(0.0, 0.0), 'nothing yet'
         self._rate = node.Rate()
         self._publisher = rospy.Publisher('~car_cmd', self._messages.Twist2DStamped, queue_size=1)
@@ -54,6 +55,7 @@ class ControllerNode:
 
     def _on_lane_pose(self, msg: Any) -> None:
         self._follow(node.stamped_lane_pose(msg, 'lane pose'), None)
+        self._rate.tick()
 
     def _on_own_lane_pose(self, msg: Any) -> None:
         self._follow(None, node.stamped_lane_pose(msg, 'own lane pose'))
@@ -61,14 +63,11 @@ class ControllerNode:
     def _follow(self, filtered: Optional[Stamped[LanePose]], own: Optional[Stamped[LanePose]]) -> None:
         settings = self._settings
         with self._lock:
-            clock = self._clock.look()
-            if clock.backwards:  # what was believed is of a time that has not come yet
-                self._lane, self._commands = None, ()
+            clock = self._look()
             limit, ahead = settings.lane_pose_age_limit, settings.future_limit
             poses = (fresh(pose, clock.now, limit, ahead) for pose in (filtered, own))
             self._lane = followed(self._lane, *poses, self._commands, settings.lane_estimate)
             self._act(clock)
-        self._rate.tick()
 
     def _on_lane_control(self, msg: LaneControl) -> None:
         try:
@@ -77,13 +76,13 @@ class ControllerNode:
             node.dropped('lane control', error)
             return
         with self._lock:
-            clock = self._clock.look()
+            clock = self._look()
             self._reference = Stamped(clock.now, reference)
             self._act(clock)
 
     def _on_look(self) -> None:
         with self._lock:
-            clock = self._clock.look()
+            clock = self._look()
             if (
                 age(self._commanded, clock.now) >= PERIOD
                 or clock.wall - self._commanded_wall >= PERIOD
@@ -98,13 +97,19 @@ class ControllerNode:
             stamp = border.nanoseconds(rospy.Time.now())
             self._publisher.publish(border.msg_from_command(Command(0.0, 0.0), stamp, self._messages.Twist2DStamped))
 
+    def _look(self) -> node.ClockReading:
+        clock = self._clock.look()
+        if clock.backwards:  # what was believed is of a time that has not come yet
+            self._lane, self._commands = None, ()
+        return clock
+
     def _act(self, clock: node.ClockReading) -> None:
         if self._ending:
             return
-        if clock.backwards:  # what was believed is of a time that has not come yet
-            self._lane, self._commands = None, ()
         pose = believed(self._lane, self._commands, clock.now, self._settings.lane_estimate)
-        command, reason = control(pose, self._reference, clock.stood, clock.now, self._settings)
+        seconds = max(0.0, age(self._commanded, clock.now)) if self._commanded else 0.0
+        self._learned = learning(self._learned, pose, self._reference, self._command.v * seconds, self._settings)
+        command, reason = control(pose, self._reference, clock.stood, clock.now, self._settings, self._learned)
         self._commands = remembered(self._commands, Stamped(clock.now, command))
         self._command, self._reason = command, reason
         self._commanded, self._commanded_wall = clock.now, clock.wall
@@ -121,6 +126,7 @@ class ControllerNode:
         said = None if reference is None else reference.stamp
         for name, stamp in (('lane pose', filtered), ('own lane pose', own), ('lane control', said)):
             status.add(name + ' age [s]', 'none' if stamp is None else '%.3f' % age(stamp, now))
+        status.add('learned bend [1/m]', '%.2f' % self._learned)
         status.add('v [m/s]', '%.2f' % command.v)
         status.add('omega [rad/s]', '%.2f' % command.omega)
 

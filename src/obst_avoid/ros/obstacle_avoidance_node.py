@@ -88,7 +88,8 @@ class AvoidanceNode:
             node.dropped('turn', ValueError('%r, expected one of: %s, or nothing' % (msg.data, ', '.join(TURNS))))
             return
         with self._lock:
-            self._inputs = replace(self._inputs, turn=msg.data or None)
+            turn = Stamped(border.nanoseconds(rospy.Time.now()), msg.data) if msg.data else None
+            self._inputs = replace(self._inputs, turn=turn)
 
     def _on_obstacles(self, msg: PoseArray) -> None:
         try:

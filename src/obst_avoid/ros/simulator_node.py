@@ -39,6 +39,8 @@ LOOK, ANSWER_WAIT, START_WAIT = 0.1, 2.0, 40.0
 """[s] of wall time between two steps while time crawls, to wait for an answer at most, and for somebody who listens."""
 LARGEST_LAG = 0.1
 """[s] of wall time that is caught up after a slow step; more is let go."""
+TURN_PERIOD = 1.0
+"""[s] of simulated time between two messages of the turn while there is one; the avoider forgets."""
 REPORT = 5.0
 """[s] of simulated time between two lines on the terminal."""
 
@@ -149,6 +151,7 @@ class SimulatorNode:
             'contact': rospy.Publisher('~truth/contact', messages.BoolStamped, queue_size=4),
         }
         self._turn: Optional[str] = None
+        self._next_turn = 0.0
         self._turn_publisher = rospy.Publisher('~turn', String, queue_size=1, latch=True)
         self._latency = rospy.Publisher('~latency', Float32, queue_size=4)
         self._scenario = rospy.Publisher('~scenario', String, queue_size=1, latch=True)
@@ -209,8 +212,8 @@ class SimulatorNode:
         """Publish the lane pose and the picture that are due."""
         place, now = self._place, world.time + 1e-9
         turn = worlds.turn(world, place)
-        if turn != self._turn:
-            self._turn = turn
+        if turn != self._turn or (turn is not None and world.time >= self._next_turn):
+            self._turn, self._next_turn = turn, world.time + TURN_PERIOD
             self._turn_publisher.publish(String(turn or ''))
         if now >= self._next_pose:
             self._next_pose += 1 / place.pose_errors.rate

@@ -8,7 +8,7 @@ from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
 from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.detection.robust.view import in_view
-from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, reference_from_decision
+from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, learning, reference_from_decision
 from obst_avoid.core.lane_estimate import LaneEstimate, believed, followed
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.picture import decode_jpeg
@@ -56,8 +56,9 @@ class Outcome:
     why: it is a success or not, for a person. stops: times the robot's avoider went to STOPPED. false_stops: of these,
     without an obstacle in the lane within RELEVANT. activations: times it became active. smallest_gap: [m] between
     body and obstacles when pictures were answered, 0 after a contact, inf without obstacles. stop_gap: [m] after the
-    last stop. restart: [s] from when an obstacle went away until the robot, which stood, drove on. off_lane: [s] with
-    the axle's middle beyond a line. in_the_way: an obstacle stood in the lane ahead at some time. driven: [m].
+    last stop. restart: [s] from when an obstacle went away until the robot, which stood, drove on, or the episode
+    ended. off_lane: [s] with the axle's middle beyond a line. in_the_way: an obstacle stood in the lane ahead at some
+    time. driven: [m].
     sightings: how well the detector kept track.
     """
 
@@ -115,7 +116,7 @@ def run(
                 found = graph.detect(data, stamp)
             sightings = looked(sightings, world.time, worlds.everything(world, place), found.obstacles, visible)
             waiting.append((world.time + settings.picture_delay, data, found, stamp))
-        graph.hear_turn(worlds.turn(world, place))
+        graph.hear_turn(worlds.turn(world, place), now)
         graph.hear_poses(now)
         while waiting and waiting[0][0] <= now:
             _, data, found, stamp = waiting.pop(0)
@@ -134,7 +135,7 @@ def run(
         if verdict is not None:
             return Outcome(
                 scenario.name, scenario.seed, verdict[0], verdict[1], world.contact, tally.stops, tally.false_stops,
-                tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap, tally.restart,
+                tally.activations, 0.0 if world.contact else tally.smallest_gap, tally.stop_gap, tally.waited(world),
                 round(tally.off_lane, 3), tally.in_the_way, round(world.time, 3), world.along - scenario.start,
                 sightings,
             )  # fmt: skip
@@ -149,7 +150,7 @@ class _Graph:
         self._lane: Optional[LaneEstimate] = None
         self._reference: Optional[Stamped[Reference]] = None
         self._commands: Tuple[Stamped[Command], ...] = ()
-        self._decided = self._commanded = 0.0
+        self._decided = self._commanded = self._learned = 0.0
         self.poses: List[Tuple[float, Stamped[LanePose]]] = []
         self.decision = Decision(State.FAULT, 0.0, 0.0, 'stopping: no obstacle list yet')
         self.command = Command(0.0, 0.0)
@@ -166,9 +167,9 @@ class _Graph:
             self._lane = followed(self._lane, pose, None, self._commands, self._robot.lane_control.lane_estimate)
             self._control(now)
 
-    def hear_turn(self, turn: Optional[str]) -> None:
-        if turn != self._inputs.turn:
-            self._inputs = replace(self._inputs, turn=turn)
+    def hear_turn(self, turn: Optional[str], now: float) -> None:
+        heard = None if turn is None else Stamped(worlds.stamp(now), turn)
+        self._inputs = replace(self._inputs, turn=heard)
 
     def hear_scene(self, scene: Scene, stamp: int, now: float) -> None:
         if scene.lane_pose is not None:
@@ -194,7 +195,9 @@ class _Graph:
     def _control(self, now: float) -> None:
         settings = self._robot.lane_control
         pose = believed(self._lane, self._commands, worlds.stamp(now), settings.lane_estimate)
-        self.command, _ = control(pose, self._reference, 0.0, worlds.stamp(now), settings)
+        metres = self.command.v * (now - self._commanded)
+        self._learned = learning(self._learned, pose, self._reference, metres, settings)
+        self.command, _ = control(pose, self._reference, 0.0, worlds.stamp(now), settings, self._learned)
         self._commands = remembered(self._commands, Stamped(worlds.stamp(now), self.command))
         self._commanded, self.spoke = now, True
 
@@ -232,6 +235,10 @@ class _Tally:
         if self._left and world.stood == 0:
             self.restart, self._left = round(world.time - self._left, 3), 0.0
         self._gone = gone
+
+    def waited(self, world: World) -> Optional[float]:
+        """[s] the same, or so far; None: no obstacle went away before a robot that stood."""
+        return round(world.time - self._left, 3) if self._left else self.restart
 
 
 def _verdict(world: World, place: Place, tally: _Tally, decision: Decision) -> Optional[Tuple[bool, str]]:

@@ -119,6 +119,7 @@ class ScenarioSettings:
     clutter: int = integer(at_least=0)
     light: LightSettings = checked(lambda value, where: _light(value, where))
     pose_errors: str = text()
+    turn_said: bool = flag()
     duration: float = number('s', above=0)
     success: SuccessSettings = group(SuccessSettings)
 

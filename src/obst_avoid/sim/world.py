@@ -166,7 +166,11 @@ def lane_pose(world: World, place_: Place) -> Tuple[LanePose, World]:
 
 
 def turn(world: World, place_: Place) -> Optional[str]:
-    """What a stack that knows its way says of the next intersection, a key of town.TURNS; None: there is none near."""
+    """What a stack that knows its way says of the next intersection, a key of town.TURNS; None: there is none near, or
+    nobody says.
+    """
+    if not place_.scenario.settings.turn_said:
+        return None
     return turn_ahead(place_.scenario.route, world.along, TURN_SAID)
 
 

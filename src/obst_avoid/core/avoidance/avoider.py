@@ -10,7 +10,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from obst_avoid.core.age import NANOSECONDS, age, fresh, why_stale, why_stopped
 from obst_avoid.core.avoidance.corridor import HALF_WIDTH, TURNS, Placed, Reach, half_width, place
-from obst_avoid.core.avoidance.known import Known, moved, remaining, reported
+from obst_avoid.core.avoidance.known import Known, before_bumper, moved, remaining, reported
 from obst_avoid.core.avoidance.plan import (
     Pass,
     braking_distance,
@@ -27,7 +27,11 @@ from obst_avoid.core.motion import Motion
 from obst_avoid.core.types import Command, Decision, LanePose, Obstacle, Stamped, State
 
 SLACK = 0.01
-"""[m] by which the corridor is wider for what is being passed: hysteresis in place."""
+"""[m] by which the corridor is wider while something is passed, or the robot stands: hysteresis in place."""
+OVERLAP = 0.01
+"""[m] by which something beside the robot may seem to reach into it, and is beside it nevertheless."""
+TURNING = 0.5
+"""[s] for which the robot turns as it was told last."""
 LINES_LOST, LINES_FORGOTTEN = 0.3, 10.0
 """[s] without a lane pose of our own, after there were some: from then on the robot may be on an intersection, and
 until then, unless it stands.
@@ -42,16 +46,17 @@ says how it goes on through an intersection.
 class Inputs:
     """The latest of everything that a decision rests on; None: nothing came yet.
 
-    lane_pose: of the stack's lane filter. own_lane_pose: of our detector, from the lines in the picture.
-    commands: what the wheels were told, oldest first (core.motion). turn: a key of corridor.TURNS, the way that the
-    robot will take at an intersection; None: nobody says. clock_stood: [s] of wall time since ROS time last moved.
+    lane_pose: of the stack's lane filter. own_lane_pose: of our detector, from the lines in the picture. commands:
+    what the wheels were told, oldest first (core.motion). turn: a key of corridor.TURNS, the way that the robot will
+    take at an intersection, stamped when it was heard; None: nobody says. clock_stood: [s] of wall time since ROS time
+    last moved.
     """
 
     obstacles: Optional[Stamped[Sequence[Obstacle]]] = None
     lane_pose: Optional[Stamped[LanePose]] = None
     own_lane_pose: Optional[Stamped[LanePose]] = None
     commands: Tuple[Stamped[Command], ...] = ()
-    turn: Optional[str] = None
+    turn: Optional[Stamped[str]] = None
     clock_stood: float = 0.0
 
 
@@ -60,7 +65,7 @@ class Memory:
     """What outlives a decision.
 
     lane: the estimate. known: obstacles at known_stamp [ns], that of the last report. stopped: when a reason to stop
-    was there last, and the decision. passing: [m] the offset chosen for what is being passed.
+    was there last, and the decision. passing: [m] the offset chosen for what is being passed. passed: its numbers.
     """
 
     lane: Optional[LaneEstimate] = None
@@ -68,18 +73,20 @@ class Memory:
     known_stamp: Optional[int] = None
     stopped: Optional[Stamped[Decision]] = None
     passing: Optional[float] = None
+    passed: Tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Plan:
     """way: past the first obstacles, if there is one. d_ref: [m] to keep. blocking: what to stop before, nearest first.
-    why: it cannot be passed.
+    why: it cannot be passed. passed: the numbers of what d_ref is for.
     """
 
     way: Optional[Pass]
     d_ref: float
     blocking: Sequence[Placed]
     why: str
+    passed: Tuple[int, ...] = ()
 
 
 NOTHING_TO_PASS = Plan(None, 0.0, (), '')
@@ -87,10 +94,10 @@ NOTHING_TO_PASS = Plan(None, 0.0, (), '')
 
 @dataclass(frozen=True)
 class Reaction:
-    """passing: [m] the offset that is kept from now on. seen: [ns] when what decides was reported last."""
+    """plan: what is kept of it from now on. seen: [ns] when what decides was reported last."""
 
     decision: Decision
-    passing: Optional[float]
+    plan: Plan
     seen: Optional[int]
 
 
@@ -107,9 +114,11 @@ def decide(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
     then = now + round(settings.lane_estimate.command_delay * NANOSECONDS)
     lane = carried_to(memory.lane, then, inputs.commands, settings.lane_estimate)
     known = moved(memory.known, _motion(inputs, lane, memory.known_stamp, then, settings))
-    omega = inputs.commands[-1].value.omega if inputs.commands else 0.0
-    slack = 0.0 if memory.passing is None else SLACK
-    bends = _bends(lane, inputs.turn, memory, now, settings)
+    last = inputs.commands[-1] if inputs.commands else None
+    omega = 0.0 if last is None or age(last.stamp, now) > TURNING else last.value.omega
+    slack = SLACK if memory.passing is not None or _stands(memory) else 0.0
+    turn = fresh(inputs.turn, now, settings.turn_age_limit, settings.future_limit)
+    bends = _bends(lane, None if turn is None else turn.value, memory, now, settings)
     placed = sorted(
         (place(item, lane, bends, omega, slack, settings) for item in known), key=lambda one: (one.begin, one.left)
     )
@@ -126,6 +135,7 @@ def restamped(memory: Memory, now: int) -> Memory:
         None if memory.known_stamp is None else now,
         None if memory.stopped is None else Stamped(now, memory.stopped.value),
         memory.passing,
+        memory.passed,
     )
 
 
@@ -134,7 +144,8 @@ def _heard(inputs: Inputs, memory: Memory, now: int, settings: AvoidanceSettings
     limit, ahead = settings.lane_pose_age_limit, settings.future_limit
     filtered, own = (fresh(pose, now, limit, ahead) for pose in (inputs.lane_pose, inputs.own_lane_pose))
     lane = followed(memory.lane, filtered, own, inputs.commands, settings.lane_estimate)
-    memory = replace(memory, lane=lane)
+    begun = memory.lane is not None and lane is not None and lane.begun != memory.lane.begun
+    memory = replace(memory, lane=lane, known=() if begun else memory.known)  # it was lifted and set down elsewhere
     report = fresh(inputs.obstacles, now, settings.obstacles_age_limit, ahead)
     if report is None or lane is None:
         return memory
@@ -191,10 +202,20 @@ def _react(
     placed: Sequence[Placed], lane: LaneEstimate, forked: bool, memory: Memory, settings: AvoidanceSettings
 ) -> Reaction:
     """What to do now, without regard to a stop that is held."""
-    near = [item for item in placed if item.begin < settings.look_ahead and _counts(item, memory, settings)]
-    counting = (Reach.INSIDE, Reach.UNSURE) if _stands(memory) else (Reach.INSIDE,)  # once stopped, it has to be sure
-    inside = [item for item in near if item.reach in counting]
-    plan = _plan(inside, near, lane, forked, memory, settings) if inside else NOTHING_TO_PASS
+    counting = [item for item in placed if _counts(item, memory, settings)]
+    near = [item for item in counting if item.begin < settings.look_ahead]
+    inside = [item for item in near if item.reach is Reach.INSIDE]
+    if inside:  # before it begins to pass them it looks whether there is room behind them
+        farthest = max(item.end for item in inside) + settings.dead_end
+        near = [item for item in counting if item.begin < max(farthest, settings.look_ahead)]
+        inside = [item for item in near if item.reach is Reach.INSIDE]
+    plan = _plan(inside, near, placed, lane, forked, memory, settings) if inside else NOTHING_TO_PASS
+    doubtful = [item for item in near if _is_doubtful(item, memory, settings)]
+    if doubtful:  # where there is room, it is passed as well; it never stops the robot
+        both = sorted((*inside, *doubtful), key=lambda one: (one.begin, one.left))
+        wider = _plan(both, near, placed, lane, forked, memory, settings)
+        if wider.way is not None and not any(item in wider.blocking for item in doubtful):
+            plan, inside = wider, both
     decision, item = _drive(inside, plan, settings)
     unsure = sorted(
         (item for item in near if item.reach is Reach.UNSURE and _is_seen(item, memory, settings)),
@@ -214,7 +235,7 @@ def _react(
     if item is not None:
         numbers = _numbers_of(item, decision.v_ref, plan.way, settings)
         decision = replace(decision, obstacle=item.known.obstacle, numbers=numbers)
-    return Reaction(decision, plan.d_ref or None, None if item is None else item.known.seen)
+    return Reaction(decision, plan, None if item is None else item.known.seen)
 
 
 def _counts(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
@@ -226,29 +247,33 @@ def _counts(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
 def _plan(
     inside: Sequence[Placed],
     near: Sequence[Placed],
+    everything: Sequence[Placed],
     lane: LaneEstimate,
     forked: bool,
     memory: Memory,
     settings: AvoidanceSettings,
 ) -> Plan:
-    """How to pass what reaches into the corridor, as far as it can be passed.
+    """How to pass what reaches into the corridor, as far as it can be passed. near: all that counts, inside or not.
 
     An obstacle that cannot be passed is one to stop before; so are those before it, where there is no room to stand
     in between. What the robot is beside already is not: it has to go on, or stand there for ever.
     """
-    ahead = sorted(
-        (item for item in inside if item.begin >= settings.robot_ahead), key=lambda one: (one.away, one.left)
-    )
+    ahead = sorted((item for item in inside if _ahead(item, settings)), key=lambda one: (one.away, one.left))
     beside = len(ahead) < len(inside)
     held = memory.passing if beside or not _stands(memory) else None
+    keeping = Plan(None, held or 0.0 if beside else 0.0, ahead, '', memory.passed)
     why = _why_not(inside, lane, forked, settings)
     if why is not None:
-        return Plan(None, held or 0.0 if beside else 0.0, ahead, why)
-    stations = [item for item in near if item.known.in_lane is not False and not item.speed]
+        return replace(keeping, why=why)
+    stations = [
+        item for item in near if not (item.known.in_lane is False and item.reach is Reach.OUTSIDE) and not item.speed
+    ]
     groups = groups_of(stations, settings)
     while not any(item in inside for item in groups[0]):  # d = 0 passes them
         groups.pop(0)
-    ways = [passing(groups[0], held, lane.pose, settings)]
+    numbers = tuple(item.known.number for item in groups[0])
+    same = held if set(numbers) & set(memory.passed) else None
+    ways = [passing(groups[0], same, lane.pose, settings)]
     later = [group for group in groups[1:] if any(item in inside for item in group)]
     groups = [groups[0], *later]
     ways += [passing(group, None, LanePose(0.0, 0.0), settings) for group in later]
@@ -266,14 +291,19 @@ def _plan(
     if way is not None:
         before = [item for item in stations if item.end < groups[0][0].begin]
         if reached(before, lane.pose, way.d_ref, settings):
-            return Plan(way, way.d_ref, blocking, why)
+            return Plan(way, way.d_ref, blocking, why, numbers)
         return Plan(None, 0.0, ahead, 'another one has to be passed first')
     beyond = memory.passing is not None and memory.passing > settings.lane_width / 2
     if settings.stage == OPPOSITE and (beyond or _stands(memory)):
-        way = passing_beyond(near, lane.pose, settings)
+        way = passing_beyond(everything, lane.pose, settings)
         if way is not None:
-            return Plan(way, way.d_ref, [], '')
-    return Plan(None, held or 0.0 if beside else 0.0, blocking, why)
+            return Plan(way, way.d_ref, [], '', numbers)
+    return replace(keeping, blocking=blocking, why=why)
+
+
+def _ahead(item: Placed, settings: AvoidanceSettings) -> bool:
+    """Whether the robot is not beside it yet."""
+    return item.begin >= settings.robot_ahead or before_bumper(item.known, OVERLAP, settings)
 
 
 def _why_not(inside: Sequence[Placed], lane: LaneEstimate, forked: bool, settings: AvoidanceSettings) -> Optional[str]:
@@ -316,7 +346,13 @@ def _near_speed(item: Placed, settings: AvoidanceSettings) -> float:
 def _is_seen(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
     """Whether the last report had it, after others that did, and it is not beside the robot already."""
     lately = item.known.seen == memory.known_stamp and age(item.known.begun, item.known.seen) >= settings.confirmation
-    return lately and item.begin > settings.robot_ahead
+    return lately and _ahead(item, settings)
+
+
+def _is_doubtful(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
+    """Whether it may reach into the corridor, and is so near that something has to be done, or is being passed."""
+    near = _gap(item, settings) < settings.stop_distance and _is_seen(item, memory, settings)
+    return item.reach is Reach.UNSURE and (near or item.known.number in memory.passed)
 
 
 def _slow(item: Placed, settings: AvoidanceSettings) -> Decision:
@@ -361,7 +397,8 @@ def _in_the_path(
     for item in placed:
         least = 0.0 if item.known.in_lane is False else settings.least_margin / 2
         clearance = clearance_on_path(item, pose, d_ref, farthest, settings)
-        if clearance < least and clearance < clearance_on_path(item, pose, d_ref, 0.0, settings) - 1e-3:
+        nearer = clearance < clearance_on_path(item, pose, d_ref, 0.0, settings) - 1e-3
+        if clearance < least and (nearer or before_bumper(item.known, OVERLAP, settings)):
             return item
     return None
 
@@ -369,15 +406,16 @@ def _in_the_path(
 def _held(reaction: Reaction, memory: Memory, now: int, settings: AvoidanceSettings) -> Tuple[Decision, Memory]:
     """The decision with what outlives it: a stop lasts for a while after its reason was seen last."""
     decision, stopped = reaction.decision, memory.stopped
+    kept = replace(memory, passing=reaction.plan.d_ref or None, passed=reaction.plan.passed)
     if decision.state is State.STOPPED:
         since = max(reaction.seen or 0, 0 if stopped is None else stopped.stamp)
-        return decision, replace(memory, stopped=Stamped(since, decision), passing=reaction.passing)
+        return decision, replace(kept, stopped=Stamped(since, decision))
     if stopped is not None and age(stopped.stamp, now) <= settings.stop_hold:
         since_then = age(stopped.stamp, now)
         reason = 'waiting: no reason to stop for %.1f s of %.1f s' % (since_then, settings.stop_hold)
         waiting = replace(stopped.value, v_ref=0.0, reason=reason)
         return waiting, replace(memory, stopped=Stamped(stopped.stamp, waiting))
-    return decision, replace(memory, stopped=None, passing=reaction.passing)
+    return decision, replace(kept, stopped=None)
 
 
 def _why_blind(inputs: Inputs, now: int, settings: AvoidanceSettings) -> Optional[str]:

@@ -71,7 +71,7 @@ def place(
     """An obstacle in the lane, by the bend for which it reaches farthest into the corridor.
 
     bends: [1/m] the lane's curvature, or those of the ways that the robot may take. slack: [m] by which the corridor is
-    wider for those that counted before.
+    wider while something is passed, or the robot stands: hysteresis in place.
     """
     half = half_width(omega, settings) + slack
     found = [_placed(item, lane, replace(lane.pose, curvature=bend), half, len(bends) > 1, settings) for bend in bends]
@@ -99,7 +99,9 @@ def _placed(
     )
     nearest = 0.0 if left * ahead <= 0 else min(abs(left), abs(ahead))
     beside = nearest - item.radius - half
-    if item.in_lane is False and not (speed * left < 0 and nearest - item.radius < settings.lane_width / 2):
+    within = settings.lane_width / 2 - (nearest - item.radius)
+    seen = item.left is not None and within > CONTRADICTION * error  # by the lines of the same pictures
+    if item.in_lane is False and not seen and not (speed * left < 0 < within):
         reach = Reach.OUTSIDE
     elif beside < 0:
         reach = Reach.INSIDE

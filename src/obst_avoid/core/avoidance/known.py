@@ -2,7 +2,7 @@
 
 A report's obstacles have no names. Each known one takes the nearest reported one; what is reported and not known begins
 anew. One that should be seen and is not is kept for a while, one that cannot be seen (too near, beside) until the robot
-has passed it.
+has passed it. One before the bumper that cannot be seen is never forgotten: nobody can see either that it has gone.
 """
 
 import math
@@ -29,10 +29,10 @@ CORRELATED = 2.0
 class Known:
     """One obstacle. x, y: [m] middle of its footprint, robot frame, at the time of the whole. radius: [m].
 
-    kind, in_lane: as last reported. seen, begun: [ns] stamps of the last and of the first report that had it.
-    left, left_error: [m] of the lane's centre and standard deviation, over time; None: not yet. What stands keeps it,
-    whatever the robot does. placed: [ns] stamp of the last look at it. lefts: (stamp [ns], left [m]) of single looks,
-    the last while.
+    number: its name; no other known one has it. kind, in_lane: as last reported. seen, begun: [ns] stamps of the last
+    and of the first report that had it. left, left_error: [m] of the lane's centre and standard deviation, over time;
+    None: not yet. What stands keeps it, whatever the robot does. placed: [ns] stamp of the last look at it. lefts:
+    (stamp [ns], left [m]) of single looks, the last while.
     """
 
     x: float
@@ -46,6 +46,7 @@ class Known:
     placed: int = 0
     lefts: Tuple[Tuple[int, float], ...] = ()
     kind: Optional[Kind] = None
+    number: int = 0
 
     @property
     def obstacle(self) -> Obstacle:
@@ -101,11 +102,12 @@ def reported(
         updated.append(index)
         taken.append(number)
         after[index] = _seen(known[index], report.value[number], centres[number], report.stamp, settings)
-    new = [
-        Known(x, y, obstacle.radius, obstacle.in_lane, report.stamp, report.stamp, kind=obstacle.kind)
-        for number, (obstacle, (x, y)) in enumerate(zip(report.value, centres))
-        if number not in taken
-    ]
+    first = max((item.number for item in known), default=-1) + 1
+    rest = sorted((centre, number) for number, centre in enumerate(centres) if number not in taken)
+    new = []
+    for rank, ((x, y), number) in enumerate(rest):
+        one, at = report.value[number], report.stamp
+        new.append(Known(x, y, one.radius, one.in_lane, at, at, kind=one.kind, number=first + rank))
     items = [item for item in after if item is not None] + new
     return tuple(
         _placed(item, report.stamp, lane, settings) if lane is not None and item.seen == report.stamp else item
@@ -188,7 +190,19 @@ def _remains(item: Known, now: int, moving: bool, settings: AvoidanceSettings) -
     unseen = age(item.seen, now)
     if item.x + item.radius < -settings.robot_behind:
         return False
-    in_sight = item.x >= settings.known.near and abs(math.atan2(item.y, item.x)) < settings.known.view
-    if in_sight:
+    if _in_sight(item, settings):
         return unseen <= settings.stop_hold
+    if before_bumper(item, 0.0, settings):
+        return True
     return unseen <= (settings.known.out_of_sight_moving if moving else settings.known.out_of_sight)
+
+
+def _in_sight(item: Known, settings: AvoidanceSettings) -> bool:
+    """Whether it can be seen from here; things vanish at the picture's lower edge with their nearest point."""
+    front = item.obstacle
+    return front.x >= settings.known.near and abs(math.atan2(item.y, item.x)) < settings.known.view
+
+
+def before_bumper(item: Known, overlap: float, settings: AvoidanceSettings) -> bool:
+    """Whether its middle lies ahead of the bumper, and it reaches by more than overlap [m] into the robot's width."""
+    return item.x > settings.robot_ahead and abs(item.y) - item.radius < settings.robot_width / 2 - overlap

@@ -45,22 +45,23 @@ def passing(
     """The offset that passes all obstacles of a group inside the lane; None when there is none, or the robot cannot
     get there in time.
 
-    The smallest offset with the wanted margin, else the one with the greatest; the robot's side may reach the lane's
-    edge but not cross it. held: [m] the offset that was chosen before; its side is kept, and it does not shrink, since
-    what is beside the robot is not seen any more. pose: of the robot when the wheels obey.
+    The smallest offset with the wanted margin, and the error of each place beside it, else the one with the greatest;
+    the robot's side may reach the lane's edge but not cross it. held: [m] the offset that was chosen before; its side
+    is kept, and it does not shrink, since what is beside the robot is not seen any more. pose: of the robot when the
+    wheels obey.
     Source: report, figure "Geometry of described Scene", case 1; the free intervals take the place of its formula.
     """
     room = (settings.lane_width - settings.robot_width) / 2
     if room < 0:
         return None
     offsets = np.linspace(-room, room, OFFSETS)
-    clearances = np.min([np.abs(item.left - offsets) - item.radius for item in group], axis=0)
-    clearances -= settings.robot_width / 2
+    beside = np.array([np.abs(item.left - offsets) - item.radius - settings.robot_width / 2 for item in group])
+    clearances, sure = beside.min(axis=0), (beside - np.array([[item.error] for item in group])).min(axis=0)
     least = settings.margin
     if held is not None:
         least = settings.least_margin
         clearances[(offsets * held < 0) | (np.abs(offsets) < abs(held) - (offsets[1] - offsets[0]) / 2)] = -math.inf
-    wide = np.flatnonzero(clearances >= settings.wanted_margin)
+    wide = np.flatnonzero((sure >= settings.wanted_margin) & np.isfinite(clearances))
     if len(wide):
         best = int(wide[np.abs(offsets[wide]).argmin()])
     else:

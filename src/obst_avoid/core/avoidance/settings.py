@@ -69,6 +69,7 @@ class AvoidanceSettings:
     known: KnownSettings = group(KnownSettings)
     obstacles_age_limit: float = number('s', above=0)
     lane_pose_age_limit: float = number('s', above=0)
+    turn_age_limit: float = number('s', above=0)
     clock_age_limit: float = number('s', above=0)
     future_limit: float = number('s', at_least=0)
     lane_estimate: LaneEstimateSettings = group(LaneEstimateSettings)
