@@ -10,6 +10,8 @@ import rosgraph.names
 from helpers import REPOSITORY, load_launch
 
 from obst_avoid.core.settings import load
+from obst_avoid.ros.car_cmd_guard_node import GuardNodeSettings
+from obst_avoid.ros.daffy_adapter_node import AdapterNodeSettings
 from obst_avoid.ros.lane_controller_node import ControllerNodeSettings
 from obst_avoid.ros.node import path_of_user
 from obst_avoid.ros.obstacle_avoidance_node import AvoidanceNodeSettings
@@ -21,6 +23,7 @@ from obst_avoid.ros.simulator_node import SimulatorNodeSettings
 LAUNCH = sorted(path.name for path in (REPOSITORY / 'launch').glob('*.launch'))
 REASONABLE = {
     'obst_avoid.launch': [{}, {'lane_controller': 'true'}, {'input': 'raw', 'stage': 'stop_only', 'profile': 'paper'}],
+    'daffy.launch': [{}, {'hard_stop': 'true', 'stage': 'stop_only', 'profile': 'paper'}],
     'visualizer.launch': [{}, {'rviz': 'false', 'calibration_dir': '/calibrations'}],
     'replay.launch': [{'bag': '/a.bag'}, {'images': '/pictures', 'rviz': 'true'}, {'bag': 'a.bag', 'output': 'out'}],
     'simulation.launch': [{}, {'scenario': 'a.yaml', 'ends': 'true', 'input': 'raw'}, {'rviz': 'true', 'seed': '7'}],
@@ -33,6 +36,8 @@ SETTINGS = {
     'obstacle_avoidance_node': AvoidanceNodeSettings,
     'obstacle_detection_visual_node': VisualNodeSettings,
     'lane_controller_node': ControllerNodeSettings,
+    'car_cmd_guard_node': GuardNodeSettings,
+    'daffy_adapter_node': AdapterNodeSettings,
     'replay_node': ReplaySettings,
     'simulator_node': SimulatorNodeSettings,
 }
@@ -62,6 +67,16 @@ CONTRACT = {
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~car_cmd': 'lane_controller_node/car_cmd',
     },
+    'car_cmd_guard_node': {'~car_cmd': 'lane_controller_node/car_cmd'},
+    'daffy_adapter_node': {
+        '~lane_filter_pose': 'lane_filter_node/lane_pose',
+        '~lane_pose': 'daffy_adapter_node/lane_pose',
+        '~lane_control': 'obstacle_avoidance_node/lane_control',
+        '~mode': 'fsm_node/mode',
+        '~switch': 'daffy_adapter_node/switch',
+        '~obstacle_distance_reading': 'road_anomaly_watcher/obstacle_distance',
+        '~emergency_stop': 'wheels_driver_node/emergency_stop',
+    },
     'obstacle_detection_visual_node': {
         '~posearray': 'obstacle_detection_node/posearray',
         '~image_in/compressed': 'camera_node/image/compressed',
@@ -77,6 +92,7 @@ CONTRACT = {
         '~camera_info': 'camera_node/camera_info',
         '~lane_pose': 'lane_filter_node/lane_pose',
         '~car_cmd': 'replay_node/car_cmd',
+        '~turn': 'turn',
         '~posearray': 'obstacle_detection_node/posearray',
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~annotated/compressed': 'obstacle_detection_visual_node/image/compressed',
@@ -185,7 +201,15 @@ def test_a_robots_nodes() -> None:
     assert set(nodes_of(load_launch('obst_avoid.launch', veh='duck1'))) == {
         '/duck1/obstacle_detection_node',
         '/duck1/obstacle_avoidance_node',
+        '/duck1/car_cmd_guard_node',
     }
+
+
+def test_nodes_are_started_again_unless_told_otherwise() -> None:
+    for name in ('obst_avoid.launch', 'daffy.launch'):
+        assert all(node.respawn for node in nodes_of(load_launch(name, veh='duck1')).values()), name
+    config = load_launch('obst_avoid.launch', veh='duck1', respawn='false')
+    assert not any(node.respawn for node in nodes_of(config).values())
 
 
 def test_the_lane_controller_only_when_asked_for() -> None:
@@ -206,7 +230,7 @@ def test_rviz_unless_told_otherwise() -> None:
 def test_a_replay_starts_the_whole_graph_on_simulated_time_and_ends_with_it() -> None:
     config = load_launch('replay.launch', veh='duck1', bag='/a.bag')
     nodes = nodes_of(config)
-    assert {node.type for node in nodes.values()} == set(SETTINGS) - {'simulator_node'}
+    assert {node.type for node in nodes.values()} == set(SETTINGS) - {'simulator_node', 'daffy_adapter_node'}
     assert param(config, '/use_sim_time') is True
     assert [full for full, node in nodes.items() if node.required] == ['/duck1/replay_node']
 
@@ -215,7 +239,7 @@ def test_a_replay_starts_the_whole_graph_on_simulated_time_and_ends_with_it() ->
 def test_a_simulation_starts_the_whole_graph_on_simulated_time_and_ends_with_it(name: str) -> None:
     config = load_launch(name, veh='duck1')
     nodes = nodes_of(config)
-    assert {node.type for node in nodes.values()} == set(SETTINGS) - {'replay_node'}
+    assert {node.type for node in nodes.values()} == set(SETTINGS) - {'replay_node', 'daffy_adapter_node'}
     assert param(config, '/use_sim_time') is True
     assert [full for full, node in nodes.items() if node.required] == ['/duck1/simulator_node']
     assert param(config, '/duck1/simulator_node/ends') is (name == 'demo.launch')

@@ -6,6 +6,7 @@ from typing import List, Optional, Tuple
 
 import pytest
 
+from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, learning
 from obst_avoid.core.types import Command, LanePose, Stamped
 
@@ -151,6 +152,13 @@ def test_it_stays_stable_with_the_delay_of_the_stack(settings: LaneControlSettin
     # 0.3 s at 0.2 m/s are 6 cm
     path = driven(LanePose(0.05, 0.0), FOLLOW, 2.0, settings, delay=6)
     assert max(abs(d) for d, _ in path[100:]) < 0.005
+
+
+def test_the_avoider_plans_with_the_controllers_own_length(
+    avoidance_settings: AvoidanceSettings, lane_control_settings: LaneControlSettings
+) -> None:
+    assert lane_control_settings.convergence_length == avoidance_settings.convergence_length
+    assert lane_control_settings.damping == 1, 'core.avoidance.path'
 
 
 def taught(pose: LanePose, reference: Reference, settings: LaneControlSettings, learned: float = 0.0) -> float:

@@ -22,10 +22,10 @@ TOPICS = {
 }
 """What is read of a recording, by the end of its topic's name: a bag may come from a robot of another name."""
 TYPES = {JPEG: 'sensor_msgs/CompressedImage', RAW: 'sensor_msgs/Image', CAMERA_INFO: 'sensor_msgs/CameraInfo'}
-CAR_CMD, TRUE_POSE = 'car_cmd', 'true_pose'
-MOTION = {CAR_CMD: 'lane_controller_node/car_cmd', TRUE_POSE: 'simulator_node/truth/pose'}
-"""What says how the robot moved, by the end of its topic's name; read only by those who ask for it."""
-MOTION_TYPES = {CAR_CMD: 'Twist2DStamped', TRUE_POSE: 'PoseStamped'}
+CAR_CMD, TRUE_POSE, TURN = 'car_cmd', 'true_pose', 'turn'
+MOTION = {CAR_CMD: 'lane_controller_node/car_cmd', TRUE_POSE: 'simulator_node/truth/pose', TURN: 'turn'}
+"""What says how the robot moved and will, by the end of its topic's name; read only by those who ask for it."""
+MOTION_TYPES = {CAR_CMD: 'Twist2DStamped', TRUE_POSE: 'PoseStamped', TURN: 'String'}
 """Ends of the types' names: a command's class may be our own or duckietown_msgs'."""
 
 

@@ -14,6 +14,7 @@ import rosbag
 
 from obst_avoid.core import detection
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide
+from obst_avoid.core.avoidance.corridor import TURNS
 from obst_avoid.core.avoidance.settings import STAGES, AvoidanceSettings
 from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.motion import remembered
@@ -25,6 +26,7 @@ from obst_avoid.offline.recording import (
     JPEG,
     LANE_POSE,
     RAW,
+    TURN,
     Recording,
     messages,
     open_bag,
@@ -75,6 +77,8 @@ def run(
     inputs, memory = Inputs(), Memory()
     commands: Tuple[Stamped[Command], ...] = ()
     for item in messages(recording, motion=True):
+        if item.role == TURN and item.msg.data in ('', *TURNS):
+            inputs = replace(inputs, turn=Stamped(item.time, item.msg.data) if item.msg.data else None)
         if item.role not in (LANE_POSE, CAR_CMD, JPEG, RAW):
             continue
         stamp = border.nanoseconds(item.msg.header.stamp)

@@ -16,6 +16,7 @@ import rospy
 from geometry_msgs.msg import PoseArray
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import String
 
 from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.core.settings import choice, number, text
@@ -27,6 +28,7 @@ from obst_avoid.offline.recording import (
     JPEG,
     LANE_POSE,
     RAW,
+    TURN,
     Recorded,
     Recording,
     messages,
@@ -144,6 +146,7 @@ class ReplayNode:
             CAMERA_INFO: rospy.Publisher('~camera_info', CameraInfo, queue_size=4),
             LANE_POSE: rospy.Publisher('~lane_pose', self._messages.LanePose, queue_size=4),
             CAR_CMD: rospy.Publisher('~car_cmd', self._messages.Twist2DStamped, queue_size=10),
+            TURN: rospy.Publisher('~turn', String, queue_size=4),
         }
         rospy.Subscriber('~posearray', PoseArray, self._answers.on_obstacles, queue_size=100)
         rospy.Subscriber('~lane_control', LaneControl, self._answers.on_lane_control, queue_size=100)

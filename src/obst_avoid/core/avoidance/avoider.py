@@ -10,7 +10,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from obst_avoid.core.age import NANOSECONDS, age, fresh, why_stale, why_stopped
 from obst_avoid.core.avoidance.corridor import HALF_WIDTH, TURNS, Placed, Reach, half_width, place
-from obst_avoid.core.avoidance.known import Known, before_bumper, moved, remaining, reported
+from obst_avoid.core.avoidance.known import Known, before_bumper, in_sight, moved, remaining, reported
 from obst_avoid.core.avoidance.plan import (
     Pass,
     braking_distance,
@@ -30,6 +30,8 @@ SLACK = 0.01
 """[m] by which the corridor is wider while something is passed, or the robot stands: hysteresis in place."""
 OVERLAP = 0.01
 """[m] by which something beside the robot may seem to reach into it, and is beside it nevertheless."""
+MISSING = 0.3
+"""[s] without a sighting of what should be seen; the detector's own memory lies before it."""
 TURNING = 0.5
 """[s] for which the robot turns as it was told last."""
 LINES_LOST, LINES_FORGOTTEN = 0.3, 10.0
@@ -239,9 +241,17 @@ def _react(
 
 
 def _counts(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
-    """Whether to do something about it. What is far has to be there for a while first: nothing is lost by waiting."""
-    known_for = age(item.known.begun, item.known.seen)
-    return _gap(item, settings) < settings.near_distance or known_for >= settings.confirmation or _stands(memory)
+    """Whether to do something about it. What is far has to be there for a while first: nothing is lost by waiting.
+
+    What should be seen, and has been missing for MISSING, holds a robot that stands or passes it, but stops no other.
+    """
+    if _stands(memory) or item.known.number in memory.passed:
+        return True
+    if in_sight(item.known, settings) and age(item.known.seen, memory.known_stamp or 0) > MISSING:
+        return False
+    return (
+        _gap(item, settings) < settings.near_distance or age(item.known.begun, item.known.seen) >= settings.confirmation
+    )
 
 
 def _plan(
@@ -262,7 +272,8 @@ def _plan(
     beside = len(ahead) < len(inside)
     held = memory.passing if beside or not _stands(memory) else None
     keeping = Plan(None, held or 0.0 if beside else 0.0, ahead, '', memory.passed)
-    why = _why_not(inside, lane, forked, settings)
+    begun = {item.known.number for item in inside} & set(memory.passed)
+    why = _why_not(inside, lane, forked, bool(begun), settings)
     if why is not None:
         return replace(keeping, why=why)
     stations = [
@@ -306,8 +317,12 @@ def _ahead(item: Placed, settings: AvoidanceSettings) -> bool:
     return item.begin >= settings.robot_ahead or before_bumper(item.known, OVERLAP, settings)
 
 
-def _why_not(inside: Sequence[Placed], lane: LaneEstimate, forked: bool, settings: AvoidanceSettings) -> Optional[str]:
-    """Why nothing is passed here, whatever room there is; None: it may be."""
+def _why_not(
+    inside: Sequence[Placed], lane: LaneEstimate, forked: bool, begun: bool, settings: AvoidanceSettings
+) -> Optional[str]:
+    """Why nothing is passed here, whatever room there is; None: it may be. begun: the robot does so already, and a bend
+    that comes into view ahead is none yet.
+    """
     if settings.stage == STOP_ONLY:
         return 'stage stop_only'
     if settings.stage == AVOID_SINGLE and len(inside) > 1:
@@ -318,7 +333,7 @@ def _why_not(inside: Sequence[Placed], lane: LaneEstimate, forked: bool, setting
         return 'on an intersection'
     lines = lane.lines_stamp is not None and age(lane.lines_stamp, lane.stamp) < LINES_FORGOTTEN
     unknown = lines and lane.errors[2] > BEND_KNOWN  # a filter without lines is taken at its word
-    seen = [place.pose.curvature for place in lane.ahead[-1:]]
+    seen = [] if begun else [place.pose.curvature for place in lane.ahead[-1:]]
     bends = [float(lane.belief.mean[2]), *seen]  # here, and where the lines were seen last
     if unknown or max(abs(bend) for bend in bends) > settings.straight:
         return 'in a bend'

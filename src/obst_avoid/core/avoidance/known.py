@@ -190,14 +190,14 @@ def _remains(item: Known, now: int, moving: bool, settings: AvoidanceSettings) -
     unseen = age(item.seen, now)
     if item.x + item.radius < -settings.robot_behind:
         return False
-    if _in_sight(item, settings):
+    if in_sight(item, settings):
         return unseen <= settings.stop_hold
     if before_bumper(item, 0.0, settings):
         return True
     return unseen <= (settings.known.out_of_sight_moving if moving else settings.known.out_of_sight)
 
 
-def _in_sight(item: Known, settings: AvoidanceSettings) -> bool:
+def in_sight(item: Known, settings: AvoidanceSettings) -> bool:
     """Whether it can be seen from here; things vanish at the picture's lower edge with their nearest point."""
     front = item.obstacle
     return front.x >= settings.known.near and abs(math.atan2(item.y, item.x)) < settings.known.view
