@@ -366,7 +366,7 @@ def _is_seen(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
 
 def _is_doubtful(item: Placed, memory: Memory, settings: AvoidanceSettings) -> bool:
     """Whether it may reach into the corridor, and is so near that something has to be done, or is being passed."""
-    near = _gap(item, settings) < settings.stop_distance and _is_seen(item, memory, settings)
+    near = _gap(item, settings) < settings.near_distance and _is_seen(item, memory, settings)
     return item.reach is Reach.UNSURE and (near or item.known.number in memory.passed)
 
 
