@@ -142,13 +142,15 @@ class MasterWatch:
 
     A node that a new master does not know goes on with the links that it has, but whoever starts later never finds it.
     So it ends, for roslaunch to start it again; and since the new master has lost all parameters, it leaves there what
-    it was started with. While there is no master at all it goes on.
+    its namespace had when it was started, as far as nobody else has: a node that ended while there was no master could
+    not. While there is no master at all it goes on.
     """
 
     def __init__(self) -> None:
         self._master = rosgraph.Master(rospy.get_name())
-        self._parameters = rospy.get_param('~', {})
-        self._simulated = rospy.get_param('/use_sim_time', False)
+        namespace = rospy.get_namespace()
+        self._parameters = {namespace + name: value for name, value in rospy.get_param(namespace, {}).items()}
+        self._parameters['/use_sim_time'] = rospy.get_param('/use_sim_time', False)
         self._missing = 0
 
     def look(self) -> None:
@@ -162,8 +164,9 @@ class MasterWatch:
             return
         if self._missing < 2 or ending():  # one may be a look at a node that is just beginning, or ending
             return
-        self._master.setParam('/use_sim_time', self._simulated)
-        self._master.setParam(rospy.get_name(), self._parameters)
+        for name, value in self._parameters.items():
+            if not self._master.hasParam(name):
+                self._master.setParam(name, value)
         raise NodeError('the master was restarted, ending to be started again')
 
 
