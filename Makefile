@@ -7,11 +7,13 @@ BUILD := build
 ENV := set -e; [ ! -f /opt/ros/noetic/setup.bash ] || source /opt/ros/noetic/setup.bash;
 DEVEL := $(ENV) source $(BUILD)/devel/setup.bash;
 
-.PHONY: help setup build demo test bench lint clean
+.PHONY: help setup build demo test test-py38 soak bench lint clean
 
 help:
 	@echo 'make demo    see it drive     (RVIZ=1: in rviz too; IMAGES=folder: on your own pictures)'
 	@echo 'make test    test everything'
+	@echo 'make test-py38  test what needs no ROS with the robot'"'"'s Python 3.8, OpenCV 4.2, numpy 1.17 and scikit-image 0.16'
+	@echo 'make soak    drive in the simulator for 20 minutes, and look for what grows'
 	@echo 'make bench   time each stage (IMAGES=folder: on your own pictures)'
 	@echo 'make lint    check style and types'
 	@echo 'make setup   install what is missing; make build: build into build/'
@@ -28,6 +30,12 @@ demo: build
 
 test: build
 	@$(DEVEL) test/run $(BUILD)
+
+test-py38:
+	@deps/test_py38 $(BUILD)
+
+soak: build
+	@$(DEVEL) rosrun obst_avoid soak --output $(BUILD)/soak.json
 
 bench: build
 	@$(DEVEL) rosrun obst_avoid bench --output $(BUILD)/bench.json $(if $(IMAGES),'$(IMAGES)')

@@ -117,11 +117,12 @@ def test_a_radius_of_nothing(z: float) -> None:
         border.obstacles_from_pose_array(msg, FRAME)
 
 
-offsets = st.floats(min_value=-border.LARGEST_OFFSET, max_value=border.LARGEST_OFFSET, width=32)
-bends = st.floats(min_value=-border.LARGEST_CURVATURE, max_value=border.LARGEST_CURVATURE, width=32)
+def within(name: str) -> Any:
+    """What the border takes of a field."""
+    return st.floats(min_value=-border.LARGEST[name], max_value=border.LARGEST[name], width=32)
 
 
-@given(offsets, floats32, bends, stamps)
+@given(within('d'), within('phi'), within('curvature'), stamps)
 def test_lane_poses_come_back(d: float, phi: float, curvature: float, stamp: int) -> None:
     pose = LanePose(d, phi, curvature)
     msg = on_the_wire(border.msg_from_lane_pose(pose, stamp, messages.LanePose))
@@ -222,7 +223,7 @@ def test_the_flag_is_false_exactly_in_clear(state: State) -> None:
     assert border.nanoseconds(msg.header.stamp) == EXACT
 
 
-@given(floats32, floats32, stamps)
+@given(within('v'), within('omega'), stamps)
 def test_commands_come_back(v: float, omega: float, stamp: int) -> None:
     msg = on_the_wire(border.msg_from_command(Command(v, omega), stamp, messages.Twist2DStamped))
     assert border.command_from_msg(msg) == Command(v, omega)

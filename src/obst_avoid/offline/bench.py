@@ -122,8 +122,7 @@ def _main(options: argparse.Namespace) -> int:
         _measure(options, calibration, pictures, result)
     finally:  # what was measured is kept, whatever fails after it
         if options.output and result:
-            with open(options.output, 'w', encoding='utf-8') as file:
-                json.dump(result, file, indent=1)
+            tool.write_json(options.output, result)
     if before is not None:
         _print_comparison(before, result)
     return 0

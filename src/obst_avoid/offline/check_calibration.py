@@ -1,7 +1,6 @@
 """check_calibration: whether a robot's calibration files fit what its camera sees of a lane."""
 
 import argparse
-import json
 import math
 import os
 import shutil
@@ -107,8 +106,8 @@ def _main(options: argparse.Namespace) -> int:
     _say(check, calibration, size, len(shots))
     if options.output:
         draw(check, fitting, pictures, [shot.name for shot in shots], os.path.join(options.output, 'check.png'))
-        with open(os.path.join(options.output, 'check.json'), 'w', encoding='utf-8') as file:
-            json.dump(content_of(check, calibration, size, [shot.name for shot in shots], broken), file, indent=1)
+        content = content_of(check, calibration, size, [shot.name for shot in shots], broken)
+        tool.write_json(os.path.join(options.output, 'check.json'), content)
         print(os.path.join(options.output, 'check.png'))
         if check.corrected is not None:
             _write_corrected(check, calibration, options.output, len(shots))

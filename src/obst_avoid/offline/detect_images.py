@@ -1,13 +1,10 @@
 """detect_images: obstacles in picture files, as JSON and as annotated pictures."""
 
 import argparse
-import json
 import os
 import sys
 import time
 from typing import Any, Dict, List, Sequence
-
-import cv2
 
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import CalibrationError
@@ -65,9 +62,8 @@ def _main(options: argparse.Namespace) -> int:
             if os.path.exists(target) and os.path.samefile(target, path):
                 raise tool.ToolError('--annotated %s would overwrite the pictures themselves' % options.annotated)
             os.makedirs(os.path.dirname(target), exist_ok=True)
-            cv2.imwrite(target, draw_on_picture(picture, scene.obstacles, detector.view))
-    with open(options.output, 'w', encoding='utf-8') as file:
-        json.dump({'images': images}, file, indent=1)
+            tool.write_picture(target, draw_on_picture(picture, scene.obstacles, detector.view))
+    tool.write_json(options.output, {'images': images})
     found = sum(len(image['obstacles']) for image in images)
     print('%d pictures, %d obstacles: %s' % (len(images), found, options.output))
     for sentence in broken:

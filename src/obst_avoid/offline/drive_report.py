@@ -80,8 +80,7 @@ def report(options: argparse.Namespace) -> Dict[str, Any]:
     drive = read_drive(options.bag)
     detector = detection.start(calibration_of(options), tool.detection_settings(options))
     summary = summary_of(drive)
-    with open(os.path.join(options.output, 'drive.json'), 'w', encoding='utf-8') as file:
-        json.dump(summary, file, indent=1)
+    tool.write_json(os.path.join(options.output, 'drive.json'), summary)
     plot(drive, os.path.join(options.output, 'drive.png'))
     pictures = film_of_drive(drive, detector.view, _map(drive, options.config), _title(drive, options.bag))
     write_film(os.path.join(options.output, 'drive.mp4'), pictures, FILM_RATE)

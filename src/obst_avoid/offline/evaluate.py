@@ -567,10 +567,7 @@ def _ordered(name: str, values: Mapping[str, Any]) -> List[str]:
 
 
 def _write_numbers(options: Namespace, content: Mapping[str, Any]) -> None:
-    path = os.path.join(options.output, NUMBERS)
-    with open(path + '.part', 'w', encoding='utf-8') as file:
-        json.dump(content, file, indent=1, allow_nan=False)
-    os.replace(path + '.part', path)
+    tool.write_json(os.path.join(options.output, NUMBERS), content)
 
 
 def _picture_of(options: Namespace, picture: Mapping[str, Any]) -> Optional[Array]:

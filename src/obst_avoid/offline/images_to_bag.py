@@ -30,7 +30,7 @@ def _main(options: argparse.Namespace) -> int:
     files = tool.picture_files(options.paths)
     topic = '/%s/%s' % (options.vehicle.strip('/'), TOPICS[JPEG])
     written = broken = 0
-    with rosbag.Bag(options.output, 'w') as bag:
+    with tool.whole(options.output) as part, rosbag.Bag(part, 'w') as bag:
         for path in tool.progress(files, 'writing'):
             try:
                 jpeg = read_jpeg(path)

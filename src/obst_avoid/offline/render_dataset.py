@@ -1,7 +1,6 @@
 """render_dataset: random pictures of the simulated town with exact labels, for measuring and tuning detectors."""
 
 import argparse
-import json
 import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -75,8 +74,7 @@ def _main(options: argparse.Namespace) -> int:
         ],
     }
     path = os.path.join(options.output, 'labels.json')
-    with open(path, 'w', encoding='utf-8') as file:
-        json.dump(content, file)
+    tool.write_json(path, content, indent=None)
     print('%d pictures, %d obstacles: %s' % (len(answers), len(content['annotations']), path))
     return 0
 
@@ -173,7 +171,7 @@ def _write_sheets(output: str) -> None:
                 )
                 panels.append(('%s, %s, blur %.0f px' % (name, color, blur), question.picture))
         path = os.path.join(output, 'sheet_%s.png' % name)
-        cv2.imwrite(path, contact_sheet(panels, columns=len(SHEET_BLURS), width=400))
+        tool.write_picture(path, contact_sheet(panels, columns=len(SHEET_BLURS), width=400))
         print(path)
 
 

@@ -4,7 +4,6 @@ It decides once a picture, without delay: what the nodes' timers say in gaps bet
 """
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -128,14 +127,13 @@ def _main(options: argparse.Namespace) -> int:
     if options.output:
         _write(options.output, robot_of(recording), answers)
     if options.json:
-        with open(options.json, 'w', encoding='utf-8') as file:
-            json.dump(summary, file, indent=1)
+        tool.write_json(options.json, summary)
     return 1 if broken else 0
 
 
 def _write(path: str, veh: str, answers: Sequence[Answer]) -> None:
     classes = find_messages('')
-    with rosbag.Bag(path, 'w') as bag:
+    with tool.whole(path) as part, rosbag.Bag(part, 'w') as bag:
         for answer in answers:
             scene = answer.scene
             posearray = border.pose_array_from_obstacles(scene.obstacles, answer.stamp, border.footprint_frame(veh))

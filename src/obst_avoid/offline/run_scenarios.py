@@ -1,7 +1,6 @@
 """run_scenarios: many drives in the simulated town, in lockstep without ROS, and what came of them."""
 
 import argparse
-import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -85,8 +84,7 @@ def _main(options: argparse.Namespace) -> int:
     print(table(summary))
     if options.output:
         path = os.path.join(options.output, 'scenarios.json')
-        with open(path, 'w', encoding='utf-8') as file:
-            json.dump({'options': vars(options), 'families': summary, 'episodes': outcomes}, file, indent=1)
+        tool.write_json(path, {'options': vars(options), 'families': summary, 'episodes': outcomes})
         with open(os.path.join(options.output, 'table.txt'), 'w', encoding='utf-8') as file:
             file.write(table(summary) + '\n')
         print('\n%s' % path)

@@ -5,8 +5,6 @@ import os
 import sys
 from typing import Any, Dict, Iterator
 
-import cv2
-
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.detection.robust import trees
@@ -51,8 +49,8 @@ def _main(options: argparse.Namespace) -> int:
         folder = os.path.join(options.output, stems[path])
         os.makedirs(folder, exist_ok=True)
         for name, panel in panels:
-            cv2.imwrite(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)
-        cv2.imwrite(os.path.join(folder, 'contact_sheet.png'), contact_sheet(panels, columns=3, width=480))
+            tool.write_picture(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)
+        tool.write_picture(os.path.join(folder, 'contact_sheet.png'), contact_sheet(panels, columns=3, width=480))
         for sentence in _why_robust(stages) if robust else _why_paper(stages):
             print('%s %s' % (path, sentence))
     print('%d pictures: %s' % (len(files) - broken, options.output))

@@ -127,12 +127,10 @@ def write(path: str) -> None:
     """Render the drive into a bag."""
     calibration = tool.default_calibration()
     os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
-    part = path + '.part'
-    with rosbag.Bag(part, 'w') as bag:
+    with tool.whole(path) as part, rosbag.Bag(part, 'w') as bag:
         for stamp, jpeg in frames(calibration):
             for topic, msg in _messages(stamp, jpeg, calibration).items():
                 bag.write('/%s/%s' % (VEHICLE, topic), msg, border.ros_time(stamp + NANOSECONDS // 1000))
-    os.replace(part, path)
 
 
 def _messages(stamp: int, jpeg: bytes, calibration: Calibration) -> Dict[str, Any]:

@@ -4,10 +4,13 @@ Exit code 0: success. 1: failure, one sentence on stderr. 2: wrong use, from arg
 """
 
 import argparse
+import contextlib
+import json
 import os
 import sys
-from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, TypeVar
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, TypeVar
 
+import cv2
 import rospkg
 from tqdm import tqdm
 
@@ -17,6 +20,7 @@ from obst_avoid.core.calibration import Calibration, CalibrationError, find_cali
 from obst_avoid.core.detection.settings import PROFILES, DetectionSettings
 from obst_avoid.core.lane_control import LaneControlSettings
 from obst_avoid.core.settings import SettingsError, load, read_yaml
+from obst_avoid.core.types import Array
 
 T = TypeVar('T')
 
@@ -83,6 +87,34 @@ def writable(path: str) -> str:
     if os.path.isdir(path) or not os.path.isdir(folder):
         raise ToolError('%s cannot be written, expected a file in an existing folder' % path)
     return path
+
+
+@contextlib.contextmanager
+def whole(path: str) -> Iterator[str]:
+    """The name under which to write a file that gets its own when it is whole; a disk may be full."""
+    if os.path.exists(path) and not os.path.isfile(path):  # /dev/stdout for example
+        yield path
+        return
+    part = path + '.part'
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        if os.path.exists(part):
+            os.remove(part)
+
+
+def write_json(path: str, content: Any, indent: Optional[int] = 1) -> None:
+    """A file of JSON. Raises OSError."""
+    with whole(path) as part, open(part, 'w', encoding='utf-8') as file:
+        json.dump(content, file, indent=indent, allow_nan=False)
+
+
+def write_picture(path: str, picture: Array) -> None:
+    """A file of the format that its ending names. Raises OSError, where cv2.imwrite would only return False."""
+    data = cv2.imencode(os.path.splitext(path)[1], picture)[1].tobytes()
+    with whole(path) as part, open(part, 'wb') as file:
+        file.write(data)
 
 
 def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:

@@ -21,8 +21,8 @@ from obst_avoid.core.types import Array, Box, Command, Decision, LanePose, Obsta
 from obst_avoid.msg import LaneControl
 
 _BRIDGE = CvBridge()
-LARGEST_OFFSET, LARGEST_CURVATURE = 5.0, 50.0
-"""[m], [1/m] of a lane pose: no road is so wide, no lane so bent."""
+LARGEST = {'d': 5.0, 'phi': 10.0, 'curvature': 50.0, 'v': 5.0, 'omega': 50.0, 'x': 1e3, 'y': 1e3, 'z': 10.0}
+"""[m, rad, 1/m, m/s, rad/s] What is farther from 0 is no road, no robot and no duckie, and arithmetic breaks on it."""
 
 
 class BorderError(ValueError):
@@ -95,11 +95,6 @@ def lane_pose_from_msg(msg: Any) -> LanePose:
     A covariance that is none, zeros or NaN for example, comes back as not known.
     """
     _require_finite('the lane pose', d=msg.d, phi=msg.phi, curvature=msg.curvature)
-    if abs(msg.d) > LARGEST_OFFSET or abs(msg.curvature) > LARGEST_CURVATURE:
-        raise BorderError(
-            'the lane pose has d = %g m and curvature = %g 1/m, expected at most %g m and %g 1/m'
-            % (msg.d, msg.curvature, LARGEST_OFFSET, LARGEST_CURVATURE)
-        )
     dd, dp, pd, pp = msg.d_phi_covariance
     usable = all(math.isfinite(value) for value in (dd, dp, pd, pp)) and dd > 0 and pp > 0
     usable = usable and ((dp + pd) / 2) ** 2 <= dd * pp
@@ -191,6 +186,8 @@ def camera_info_from_calibration(calibration: Calibration, stamp: int, frame_id:
 
 def picture_from_image(msg: Image) -> Array:
     """(H, W, 3) uint8, BGR. Raises PictureError for data that does not fit its description and for grey pictures."""
+    if not (msg.height and msg.width):
+        raise PictureError('the picture is %dx%d, expected at least 16x16' % (msg.width, msg.height))
     try:
         dtype, channels = _BRIDGE.encoding_to_dtype_with_channels(msg.encoding)
         if channels == 1 and not msg.encoding.startswith('bayer'):
@@ -205,7 +202,7 @@ def picture_from_image(msg: Image) -> Array:
         picture = np.ascontiguousarray(_BRIDGE.imgmsg_to_cv2(msg, 'bgr8'))
     except (CvBridgeError, RuntimeError, TypeError) as error:
         raise PictureError(
-            'the picture with encoding %r does not convert to bgr8: %s' % (msg.encoding, error)
+            'the picture with encoding %r does not convert to bgr8: %s' % (msg.encoding, ' '.join(str(error).split()))
         ) from error
     return check_picture(picture)
 
@@ -221,3 +218,5 @@ def _require_finite(what: str, **values: float) -> None:
     for name, value in values.items():
         if not math.isfinite(value):
             raise BorderError('%s has %s = %s, expected a finite number' % (what, name, value))
+        if abs(value) > LARGEST.get(name, math.inf):
+            raise BorderError('%s has %s = %g, expected at most %g' % (what, name, value, LARGEST[name]))

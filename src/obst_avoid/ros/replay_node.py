@@ -4,14 +4,12 @@ The next picture waits for the answer to the one before, so that nothing is drop
 time passes at its usual rate.
 """
 
-import json
 import os
 import threading
 import time
 from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Tuple
 
-import cv2
 import rospy
 from geometry_msgs.msg import PoseArray
 from rosgraph_msgs.msg import Clock
@@ -36,7 +34,7 @@ from obst_avoid.offline.recording import (
     open_folder,
 )
 from obst_avoid.offline.summary import summarise, table
-from obst_avoid.offline.tool import ToolError
+from obst_avoid.offline.tool import ToolError, write_json, write_picture
 from obst_avoid.ros import border, node
 from obst_avoid.ros.messages import find_messages
 from obst_avoid.viz.overlay import banner, contact_sheet
@@ -240,11 +238,10 @@ class ReplayNode:
         if not self._output:
             return
         os.makedirs(self._output, exist_ok=True)
-        with open(os.path.join(self._output, 'summary.json'), 'w', encoding='utf-8') as file:
-            json.dump(summary, file, indent=1)
+        write_json(os.path.join(self._output, 'summary.json'), summary)
         sheet = answers.sheet()
         if sheet is not None:
-            cv2.imwrite(os.path.join(self._output, 'contact_sheet.png'), sheet)
+            write_picture(os.path.join(self._output, 'contact_sheet.png'), sheet)
 
 
 def _open(settings: ReplaySettings) -> Recording:

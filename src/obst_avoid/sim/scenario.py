@@ -23,6 +23,8 @@ CLUTTER = (
     ('ball', 0.06),
 )  # fmt: skip
 """Sorts and heights [m]."""
+ROAD = 50.0
+"""[m] of a road that goes on for ever, at least."""
 ROAD_END = 0.35
 """[m] before the end of a road that leaves the map, where a drive is over."""
 
@@ -157,7 +159,8 @@ def load_scenario(path: str, seed: int, towns: str, instead: Optional[Mapping[st
     town_path = beside if settings.map.endswith('.yaml') else os.path.join(towns, settings.map + '.yaml')
     town = town_from_mapping(read_yaml(town_path), town_path)
     start = settings.start
-    route = follow(town, start.column, start.row, start.heading, settings.turns)
+    length = max(ROAD, start.along + settings.success.goal + 1.0)
+    route = follow(town, start.column, start.row, start.heading, settings.turns, length)
     _check_room(settings, route, path)
     name = os.path.splitext(os.path.basename(path))[0]
     return Scenario(

@@ -197,7 +197,7 @@ def find_crossings(picture: Array, sampling: LineSampling, road: Array) -> Cross
     if not len(sampling.scan) or not np.isfinite(road).all():  # no road in sight, or no light
         return Crossings(np.zeros(0, dtype=int), np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)))
     _, green, red = 256 * road ** (1 / 2.2)
-    share = round(256 * green / (green + red))  # the strong channel is the clear one
+    share = int(round(256 * green / (green + red)))  # the strong channel is the clear one; old numpy rounds to a float
     least = max(CONTRAST * (share * green + (256 - share) * red) / 256, LEAST_CONTRAST)
     found = native.tapes(
         picture, sampling, (share, 256 - share), (least, NOISE_FACTOR, EVENNESS, LOCAL_CONTRAST, LONGEST), LINEAR

@@ -1,0 +1,168 @@
+"""A long drive round the simulated town in the ROS graph: nothing may grow or slow down, and every stop has a cause."""
+
+import argparse
+import os
+import tempfile
+import threading
+import time
+from typing import Any, Dict, List
+from xmlrpc.client import ServerProxy
+
+import numpy as np
+import yaml
+
+from obst_avoid.offline import tool
+from obst_avoid.offline.graph import launched
+from obst_avoid.offline.measure import resident
+from obst_avoid.offline.tool import ToolError
+
+VEH = 'soak'
+NODES = ('obstacle_detection_node', 'obstacle_avoidance_node', 'lane_controller_node', 'car_cmd_guard_node')
+SPEED = 0.12
+"""[m/s] on average, the stops included."""
+APART = 7.0
+"""[m] between two duckies that stand in the way and walk off when the robot has stopped."""
+SETTLED = 20.0
+"""[s] after which memory is read first."""
+LOOK = 2.0
+"""[s] of wall time between two readings."""
+NEAR = 0.6
+"""[m] between robot and obstacle; a stop that begins farther from all of them has no cause."""
+GROWTH, SPARE = 1.05, 5.0
+"""Ratio, and [MB] or [ms], by which the end may exceed the beginning."""
+
+
+def main(arguments: Any = None) -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__)
+    parser.add_argument('--minutes', type=float, default=20.0, metavar='M', help='of wall time (default: 20)')
+    parser.add_argument('--output', metavar='FILE', help='write the figures there, as JSON')
+    return tool.run(_main, parser, arguments)
+
+
+def scenario(minutes: float) -> Dict[str, Any]:
+    """The demo's town, with a duckie in the way every APART metres."""
+    content: Dict[str, Any] = tool.node_yaml('', 'demo.yaml')
+    goal = max(2.0, 60 * minutes * SPEED)
+    alongs = np.arange(APART / 2, goal - 1, APART)
+    things = [
+        {'sort': 'duckie', 'height': 0.06, 'along': float(along), 'left': 0.0, 'leaves_after_stop': 2.0}
+        for along in alongs
+    ]
+    success = {**content['success'], 'goal': float(goal)}
+    return {**content, 'obstacles': things, 'duration': 120.0 * minutes + 60.0, 'success': success}
+
+
+class Heard:
+    """What the graph says. stops: [m] to the nearest obstacle when each began. latencies: [ms] of each answer."""
+
+    def __init__(self) -> None:
+        import rospy
+        from std_msgs.msg import Float32
+
+        from obst_avoid.msg import LaneControl
+
+        self.stops: List[float] = []
+        self.faults: List[str] = []
+        self.latencies: List[float] = []
+        self._gap, self._before, self._answered = float('inf'), LaneControl.CLEAR, False
+        self._stopped = LaneControl.STOPPED, LaneControl.FAULT
+        self._lock = threading.Lock()
+        rospy.Subscriber('/%s/simulator_node/truth/gap' % VEH, Float32, self._on_gap)
+        rospy.Subscriber('/%s/simulator_node/latency' % VEH, Float32, self._on_latency)
+        rospy.Subscriber('/%s/obstacle_avoidance_node/lane_control' % VEH, LaneControl, self._on_lane_control)
+
+    def _on_gap(self, msg: Any) -> None:
+        self._gap = msg.data
+
+    def _on_latency(self, msg: Any) -> None:
+        self.latencies.append(1e3 * msg.data)
+
+    def _on_lane_control(self, msg: Any) -> None:
+        with self._lock:
+            stopped, fault = self._stopped
+            self._answered = self._answered or msg.state not in self._stopped
+            if self._answered and msg.state == stopped != self._before:
+                self.stops.append(self._gap)
+            if self._answered and msg.state == fault != self._before:
+                self.faults.append(msg.reason)
+            self._before = msg.state
+
+
+def _main(options: argparse.Namespace) -> int:
+    if options.output:
+        tool.writable(options.output)
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, 'soak.yaml')
+        with open(path, 'w', encoding='utf-8') as file:
+            yaml.safe_dump(scenario(options.minutes), file)
+        call = ['simulation.launch', 'veh:=' + VEH, 'scenario:=' + path, 'ends:=true']
+        with open(os.path.join(folder, 'log.txt'), 'wb') as log, launched(call, log.fileno()) as graph:
+            os.environ['ROS_MASTER_URI'] = graph.environment['ROS_MASTER_URI']
+            figures = _watched(graph.process, 60 * options.minutes)
+    for name, value in figures.items():
+        print('%-40s %s' % (name, value))
+    if options.output:
+        tool.write_json(options.output, figures)
+    wrong = judged(figures)
+    if wrong:
+        raise ToolError('; '.join(wrong))
+    return 0
+
+
+def _watched(process: Any, seconds: float) -> Dict[str, Any]:
+    import rospy
+
+    rospy.init_node('soak', anonymous=True, disable_signals=True)
+    heard = Heard()
+    end, begin = time.monotonic() + seconds, time.monotonic() + min(SETTLED, seconds / 2)
+    memory: List[Dict[str, float]] = []
+    bar = tool.progress(range(int(seconds / LOOK)), 'driving', int(seconds / LOOK))
+    for _ in bar:
+        time.sleep(LOOK)
+        if process.poll() is not None or time.monotonic() > end:
+            break
+        if time.monotonic() >= begin:
+            memory.append(_memory())
+    if not memory or not heard.latencies:
+        raise ToolError('the graph does not answer within %.0f s, expected detector and avoider' % seconds)
+    quarter = max(1, len(heard.latencies) // 4)
+    first, last = heard.latencies[:quarter], heard.latencies[-quarter:]
+    return {
+        'minutes': round(seconds / 60, 1),
+        'pictures answered': len(heard.latencies),
+        'memory at the beginning [MB]': memory[0],
+        'memory at the end [MB]': memory[-1],
+        'latency of the first quarter, p95 [ms]': round(float(np.percentile(first, 95)), 1),
+        'latency of the last quarter, p95 [ms]': round(float(np.percentile(last, 95)), 1),
+        'stops': len(heard.stops),
+        'stops without a cause': sum(gap > NEAR for gap in heard.stops),
+        'faults': heard.faults,
+    }
+
+
+def judged(figures: Dict[str, Any]) -> List[str]:
+    """What went wrong, in words."""
+    wrong = []
+    for name, before in figures['memory at the beginning [MB]'].items():
+        after = figures['memory at the end [MB]'].get(name, before)
+        if after > GROWTH * before + SPARE:
+            wrong.append('%s grew from %.1f to %.1f MB' % (name, before, after))
+    before, after = (figures['latency of the %s quarter, p95 [ms]' % which] for which in ('first', 'last'))
+    if after > 1.5 * before + SPARE:
+        wrong.append('answers took %.1f ms at the beginning and %.1f ms at the end' % (before, after))
+    if figures['stops without a cause']:
+        wrong.append('%d stops without a cause' % figures['stops without a cause'])
+    if figures['faults']:
+        wrong.append('%d faults: %s' % (len(figures['faults']), figures['faults'][0]))
+    return wrong
+
+
+def _memory() -> Dict[str, float]:
+    """[MB] of each node that runs."""
+    master, used = ServerProxy(os.environ['ROS_MASTER_URI']), {}
+    for node in NODES:
+        code, _, uri = master.lookupNode('/soak', '/%s/%s' % (VEH, node))  # type: ignore[misc]
+        if code == 1:
+            used[node] = round(resident(int(ServerProxy(str(uri)).getPid('/soak')[2])), 1)  # type: ignore[index, call-overload]
+    return used
