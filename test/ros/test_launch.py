@@ -48,6 +48,7 @@ CONTRACT = {
         '~image': 'camera_node/image',
         '~camera_info': 'camera_node/camera_info',
         '~car_cmd': 'lane_controller_node/car_cmd',
+        '~thresholds': 'anti_instagram_node/thresholds',
         '~posearray': 'obstacle_detection_node/posearray',
         '~lane_pose': 'obstacle_detection_node/lane_pose',
     },

@@ -1,10 +1,12 @@
 """core.picture: bytes become a picture, or one sentence says why not."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
-from obst_avoid.core.picture import PictureError, check_picture, decode, decode_jpeg, encode_jpeg
+from obst_avoid.core.picture import PictureError, check_picture, decode, decode_jpeg, encode_jpeg, stretched
 
 
 def painted(height: int = 48, width: int = 64) -> np.ndarray:
@@ -126,3 +128,17 @@ def test_an_array_that_is_no_colour_picture_is_refused(picture: np.ndarray, mess
 def test_a_good_array_is_returned_as_it_is() -> None:
     picture = painted()
     assert check_picture(picture) is picture
+
+
+def test_black_levels_spread_each_channel() -> None:
+    picture = np.zeros((2, 2, 3), np.uint8)
+    picture[0, 0], picture[0, 1], picture[1, 0] = (10, 20, 30), (110, 120, 230), (60, 70, 130)
+    found = stretched(picture, (10, 20, 30), (110, 120, 230))
+    assert found[0, 0].tolist() == [0, 0, 0] and found[0, 1].tolist() == [255, 255, 255]
+    assert found[1, 0].tolist() == [128, 128, 128] and found[1, 1].tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize('low, high', [((0, 0, 0), (0, 255, 255)), ((-1, 0, 0), (9, 9, 9)), ((0, 0, 0), (256, 9, 9))])
+def test_black_levels_that_cannot_be(low: Any, high: Any) -> None:
+    with pytest.raises(PictureError, match='the black levels are .*, expected 0 <= low < high <= 255'):
+        stretched(np.zeros((1, 1, 3), np.uint8), low, high)

@@ -1,5 +1,7 @@
 """From JPEG bytes to a picture, or one clear sentence why not."""
 
+from typing import Sequence
+
 import cv2
 import numpy as np
 
@@ -39,6 +41,19 @@ def decode(data: bytes) -> Array:
 def encode_jpeg(picture: Array, quality: int = 90) -> bytes:
     """The inverse of decode_jpeg, with losses. picture: (H, W, 3) uint8, BGR. quality: 0 to 100."""
     return bytes(cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+
+
+def stretched(picture: Array, low: Sequence[int], high: Sequence[int]) -> Array:
+    """A picture whose channels are spread so that low becomes 0 and high 255. low, high: in the picture's order, BGR.
+
+    Raises PictureError where they are not 0 <= low < high <= 255 in each channel.
+    """
+    if not all(0 <= a < b <= 255 for a, b in zip(low, high)):
+        raise PictureError('the black levels are %s and %s, expected 0 <= low < high <= 255' % (list(low), list(high)))
+    first, last = np.array(low, float), np.array(high, float)
+    table = np.clip((np.arange(256)[:, None] - first) * 255 / (last - first) + 0.5, 0, 255).astype(np.uint8)
+    spread: Array = cv2.LUT(picture, table[:, None])
+    return spread
 
 
 def check_picture(picture: Array) -> Array:

@@ -5,8 +5,9 @@ where the lane's lines are seen.
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, Optional, Tuple, Union
+from typing import Any, Optional, Sequence, Tuple, Union
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import PoseArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -17,11 +18,11 @@ from obst_avoid.core.calibration import CalibrationError, scaled
 from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.settings import DetectionSettings
 from obst_avoid.core.motion import remembered
-from obst_avoid.core.picture import PictureError
+from obst_avoid.core.picture import PictureError, stretched
 from obst_avoid.core.settings import choice, flag, text
 from obst_avoid.core.types import Command, Stamped
 from obst_avoid.ros import border, node
-from obst_avoid.ros.messages import find_messages
+from obst_avoid.ros.messages import DUCKIETOWN, find_classes, find_messages
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class DetectionNodeSettings(DetectionSettings):
     allow_default_calibration: bool = flag()
     msgs_package: str = text()
     input: str = choice('compressed', 'raw')
+    anti_instagram: bool = flag()
 
 
 class DetectionNode:
@@ -51,6 +53,7 @@ class DetectionNode:
         self._frame = border.footprint_frame(settings.veh)
         self._newest: node.Newest[Union[CompressedImage, Image]] = node.Newest()
         self._rate, self._reason = node.Rate(), 'no picture yet'
+        self._levels: Optional[Tuple[Sequence[int], Sequence[int]]] = None
         self._stamp: Optional[int] = None
         self._milliseconds = 0.0
         self._publisher = rospy.Publisher('~posearray', PoseArray, queue_size=1)
@@ -59,6 +62,9 @@ class DetectionNode:
         node.in_background(self._work)
         rospy.Subscriber('~car_cmd', self._messages.Twist2DStamped, self._on_car_cmd, queue_size=10)
         rospy.Subscriber('~camera_info', CameraInfo, self._on_camera_info, queue_size=1)
+        if settings.anti_instagram:
+            (levels_class,) = find_classes(settings.msgs_package or DUCKIETOWN, 'AntiInstagramThresholds')
+            rospy.Subscriber('~thresholds', levels_class, self._on_thresholds, queue_size=1)
         if settings.input == 'compressed':
             rospy.Subscriber('~image/compressed', CompressedImage, self._newest.put, queue_size=1, buff_size=2**24)
         else:
@@ -93,9 +99,19 @@ class DetectionNode:
         self._rate.tick()
 
     def _picture(self, msg: Union[CompressedImage, Image]) -> Any:
-        if self._settings.input == 'compressed':
-            return border.picture_from_compressed_image(msg)
-        return border.picture_from_image(msg)
+        compressed = self._settings.input == 'compressed'
+        picture = border.picture_from_compressed_image(msg) if compressed else border.picture_from_image(msg)
+        levels = self._levels
+        return picture if levels is None else stretched(picture, *levels)
+
+    def _on_thresholds(self, msg: Any) -> None:
+        """The stack's black levels: it stretches its own pictures by them, every few seconds anew."""
+        try:
+            stretched(np.zeros((1, 1, 3), np.uint8), msg.low, msg.high)
+        except PictureError as error:
+            node.dropped('thresholds', error)
+            return
+        self._levels = msg.low, msg.high
 
     def _on_car_cmd(self, msg: Any) -> None:
         """A command counts from when it is heard: its stamp may be that of the picture that it rests on."""
@@ -136,6 +152,7 @@ class DetectionNode:
         else:
             status.summary(node.OK, self._reason)
         status.add('profile', self._settings.profile)
+        status.add('black levels', 'not used' if self._levels is None else '%s to %s' % self._levels)
         status.add('calibration', self._detector.calibration.source)
         status.add('pictures per second', '%.1f' % rate)
         status.add('milliseconds per picture', '%.1f' % self._milliseconds)
