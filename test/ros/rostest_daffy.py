@@ -6,6 +6,7 @@ hears a lane pose and keeps the last StopLineReading, and a robot that drives as
 import math
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -16,12 +17,19 @@ import rospy
 import rostest
 from duckietown_msgs.msg import BoolStamped, FSMState, LanePose, StopLineReading, Twist2DStamped
 from geometry_msgs.msg import PoseArray
-from helpers import ANSWER, START, Inbox, Repeating, pose_array, process_of, publisher, wait_for
+from helpers import ANSWER, START, Inbox, Repeating, pose_array, process_of, publisher, subscribers_of, wait_for
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
 FULL = 0.2
 """[m/s] of the stack's lane controller, full_speed in config/daffy_adapter_node.yaml."""
+RECORDER = """
+import rospy
+from duckietown_msgs.msg import LanePose
+rospy.init_node('recorder')
+rospy.Subscriber('/duck1/daffy_adapter_node/lane_pose', LanePose, lambda msg: None)
+rospy.spin()
+"""
 LATEST = 1.0
 """[s] after a fault until the wheels stand; 0.5 s on a machine with nothing else to do."""
 
@@ -33,7 +41,7 @@ class Stack:
         self.lock = threading.Lock()
         self.obstacles: List[Tuple[float, float, float]] = []  # along, left and radius, in the lane
         self.along, self.d, self.phi = 0.0, 0.0, 0.0
-        self.filter_works = True
+        self.filter_works, self.heard = True, 0
         self.command, self.commanded = Twist2DStamped(), 0.0
         self.reading = StopLineReading()
         self._time = time.monotonic()
@@ -85,6 +93,7 @@ class Stack:
             self.command, self.commanded = msg, time.monotonic()
 
     def _control(self, msg: LanePose) -> None:
+        self.heard += 1
         reading = self.reading
         factor = 0.0 if reading.at_stop_line else 0.25 if reading.stop_line_detected else 1.0
         omega = FULL * (-msg.d / 0.15**2 - 2 * math.sin(msg.phi) / 0.15)
@@ -171,6 +180,10 @@ class Daffy(unittest.TestCase):
 
     def test_without_the_remap_it_stops_instead_of_passing(self) -> None:
         self.stack.follow('/duck1/lane_filter_node/lane_pose')
+        recorder = subprocess.Popen([sys.executable, '-c', RECORDER])  # another listener is no controller
+        self.addCleanup(recorder.wait)
+        self.addCleanup(recorder.terminate)
+        self.reaches(lambda: '/recorder' in subscribers_of('/duck1/daffy_adapter_node/lane_pose'), 'a recorder', START)
         self.addCleanup(self.stack.follow, '/duck1/daffy_adapter_node/lane_pose')
         self.put((1.0, -0.085, 0.02))
         begin = self.stack.along
@@ -203,6 +216,8 @@ class Daffy(unittest.TestCase):
         self.stack.filter_works = False
         try:
             self.assertLess(self.stands(since, 'standing'), LATEST)
+            heard = self.stack.heard
+            self.reaches(lambda: self.stack.heard > heard + 5, 'the last pose, again and again')
         finally:
             self.stack.filter_works = True
         self.reaches(lambda: self.stack.speed > 0.9 * FULL, 'driving on')

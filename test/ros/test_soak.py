@@ -12,6 +12,9 @@ from helpers import run_program
 from obst_avoid.offline.soak import APART, judged, scenario
 
 GOOD: Dict[str, Any] = {
+    'minutes asked for': 20.0,
+    'minutes': 20.0,
+    'stops': 20,
     'memory at the beginning [MB]': {'a': 100.0},
     'memory at the end [MB]': {'a': 105.0},
     'latency of the first quarter, p95 [ms]': 20.0,
@@ -27,6 +30,9 @@ GOOD: Dict[str, Any] = {
         ({}, ''),
         ({'memory at the end [MB]': {'a': 120.0}}, 'a grew from 100.0 to 120.0 MB'),
         ({'latency of the last quarter, p95 [ms]': 60.0}, 'answers took 20.0 ms at the beginning and 60.0 ms'),
+        ({'memory at the end [MB]': {}}, 'a is gone'),
+        ({'minutes': 12.0}, 'it ended after 12.0 of 20.0 minutes'),
+        ({'stops': 3}, '3 stops, expected at least 10'),
         ({'stops without a cause': 2}, '2 stops without a cause'),
         ({'faults': ['stopping: no lane pose yet']}, '1 faults: stopping: no lane pose yet'),
     ],

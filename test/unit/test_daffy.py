@@ -21,7 +21,7 @@ FACTOR = {Pace.FULL: 1.0, Pace.SLOW: 0.25, Pace.STAND: 0.0}
 def settings() -> DaffySettings:
     """As shipped."""
     content = dict(read_yaml(str(CONFIG / 'daffy_adapter_node.yaml')))
-    del content['hard_stop']  # the node's own
+    del content['hard_stop'], content['follower']  # the node's own
     loaded: DaffySettings = load(DaffySettings, content, 'daffy')
     return loaded
 
@@ -99,6 +99,6 @@ def test_when_it_acts(settings: DaffySettings, on: bool, mode: Optional[str], ex
 @pytest.mark.parametrize('modes', ['LANE_FOLLOWING', [1], [''], None])
 def test_modes_are_names(modes: object) -> None:
     content = {**read_yaml(str(CONFIG / 'daffy_adapter_node.yaml')), 'modes': modes}
-    del content['hard_stop']
+    del content['hard_stop'], content['follower']
     with pytest.raises(SettingsError, match='daffy/modes = .*, expected a list of names'):
         load(DaffySettings, content, 'daffy')

@@ -138,7 +138,10 @@ def test_black_levels_spread_each_channel() -> None:
     assert found[1, 0].tolist() == [128, 128, 128] and found[1, 1].tolist() == [0, 0, 0]
 
 
-@pytest.mark.parametrize('low, high', [((0, 0, 0), (0, 255, 255)), ((-1, 0, 0), (9, 9, 9)), ((0, 0, 0), (256, 9, 9))])
+@pytest.mark.parametrize(
+    'low, high',
+    [((0, 0, 0), (0, 255, 255)), ((-1, 0, 0), (9, 9, 9)), ((0, 0, 0), (256, 99, 99)), ((9, 9, 9), (40, 99, 99))],
+)
 def test_black_levels_that_cannot_be(low: Any, high: Any) -> None:
-    with pytest.raises(PictureError, match='the black levels are .*, expected 0 <= low < high <= 255'):
+    with pytest.raises(PictureError, match='the black levels are .*, expected 0 <= low < high <= 255, 32 apart'):
         stretched(np.zeros((1, 1, 3), np.uint8), low, high)

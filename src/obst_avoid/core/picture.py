@@ -7,6 +7,9 @@ import numpy as np
 
 from obst_avoid.core.types import Array
 
+LEAST_SPREAD = 32
+"""Grey levels between black and white of a picture that shows anything."""
+
 
 class PictureError(ValueError):
     """A picture that cannot be used. The message says what was found and what was expected."""
@@ -46,10 +49,13 @@ def encode_jpeg(picture: Array, quality: int = 90) -> bytes:
 def stretched(picture: Array, low: Sequence[int], high: Sequence[int]) -> Array:
     """A picture whose channels are spread so that low becomes 0 and high 255. low, high: in the picture's order, BGR.
 
-    Raises PictureError where they are not 0 <= low < high <= 255 in each channel.
+    Raises PictureError where they are no levels, or so near to each other that noise would fill the picture.
     """
-    if not all(0 <= a < b <= 255 for a, b in zip(low, high)):
-        raise PictureError('the black levels are %s and %s, expected 0 <= low < high <= 255' % (list(low), list(high)))
+    if not all(0 <= a <= b - LEAST_SPREAD and b <= 255 for a, b in zip(low, high)):
+        raise PictureError(
+            'the black levels are %s and %s, expected 0 <= low < high <= 255, %d apart'
+            % (list(low), list(high), LEAST_SPREAD)
+        )
     first, last = np.array(low, float), np.array(high, float)
     table = np.clip((np.arange(256)[:, None] - first) * 255 / (last - first) + 0.5, 0, 255).astype(np.uint8)
     spread: Array = cv2.LUT(picture, table[:, None])

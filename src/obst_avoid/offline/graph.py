@@ -44,6 +44,7 @@ def launched(call: Sequence[str], output: int = subprocess.PIPE) -> Iterator[Gra
     environment = {
         **os.environ,
         'ROS_MASTER_URI': 'http://localhost:%d' % port,
+        'ROS_HOSTNAME': 'localhost',  # nobody else shall reach it
         'PYTHONUNBUFFERED': '1',  # or the nodes' words come when all is over
         MARK: mark,
     }

@@ -18,8 +18,10 @@ from obst_avoid.offline.tool import ToolError
 
 VEH = 'soak'
 NODES = ('obstacle_detection_node', 'obstacle_avoidance_node', 'lane_controller_node', 'car_cmd_guard_node')
-SPEED = 0.12
-"""[m/s] on average, the stops included."""
+SPEED = 0.2
+"""[m/s] at most: the road shall not end before the time is up."""
+SLOWEST = 0.06
+"""[m/s] on average, the stops included; a robot that comes less far stands for nothing."""
 APART = 7.0
 """[m] between two duckies that stand in the way and walk off when the robot has stopped."""
 SETTLED = 20.0
@@ -98,7 +100,8 @@ def _main(options: argparse.Namespace) -> int:
             yaml.safe_dump(scenario(options.minutes), file)
         call = ['simulation.launch', 'veh:=' + VEH, 'scenario:=' + path, 'ends:=true']
         with open(os.path.join(folder, 'log.txt'), 'wb') as log, launched(call, log.fileno()) as graph:
-            os.environ['ROS_MASTER_URI'] = graph.environment['ROS_MASTER_URI']
+            for name in ('ROS_MASTER_URI', 'ROS_HOSTNAME'):
+                os.environ[name] = graph.environment[name]
             figures = _watched(graph.process, 60 * options.minutes)
     for name, value in figures.items():
         print('%-40s %s' % (name, value))
@@ -117,6 +120,7 @@ def _watched(process: Any, seconds: float) -> Dict[str, Any]:
     heard = Heard()
     end, begin = time.monotonic() + seconds, time.monotonic() + min(SETTLED, seconds / 2)
     memory: List[Dict[str, float]] = []
+    started = time.monotonic()
     bar = tool.progress(range(int(seconds / LOOK)), 'driving', int(seconds / LOOK))
     for _ in bar:
         time.sleep(LOOK)
@@ -129,7 +133,8 @@ def _watched(process: Any, seconds: float) -> Dict[str, Any]:
     quarter = max(1, len(heard.latencies) // 4)
     first, last = heard.latencies[:quarter], heard.latencies[-quarter:]
     return {
-        'minutes': round(seconds / 60, 1),
+        'minutes asked for': round(seconds / 60, 2),
+        'minutes': round((time.monotonic() - started) / 60, 2),
         'pictures answered': len(heard.latencies),
         'memory at the beginning [MB]': memory[0],
         'memory at the end [MB]': memory[-1],
@@ -144,9 +149,16 @@ def _watched(process: Any, seconds: float) -> Dict[str, Any]:
 def judged(figures: Dict[str, Any]) -> List[str]:
     """What went wrong, in words."""
     wrong = []
+    if figures['minutes'] < 0.95 * figures['minutes asked for']:
+        wrong.append('it ended after %.1f of %.1f minutes' % (figures['minutes'], figures['minutes asked for']))
+    expected = int(60 * figures['minutes'] * SLOWEST / APART)
+    if figures['stops'] < expected:
+        wrong.append('%d stops, expected at least %d' % (figures['stops'], expected))
     for name, before in figures['memory at the beginning [MB]'].items():
-        after = figures['memory at the end [MB]'].get(name, before)
-        if after > GROWTH * before + SPARE:
+        after = figures['memory at the end [MB]'].get(name)
+        if after is None:
+            wrong.append('%s is gone' % name)
+        elif after > GROWTH * before + SPARE:
             wrong.append('%s grew from %.1f to %.1f MB' % (name, before, after))
     before, after = (figures['latency of the %s quarter, p95 [ms]' % which] for which in ('first', 'last'))
     if after > 1.5 * before + SPARE:

@@ -40,6 +40,7 @@ class GuardNode:
         self._driving, self._stopping, self._stops = False, False, 0
         self._publisher = rospy.Publisher('~car_cmd', self._messages.Twist2DStamped, queue_size=1)
         self._health = node.Health(self._settings.veh, self._diagnose)
+        rospy.on_shutdown(self._stop_for_good)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~car_cmd', self._messages.Twist2DStamped, self._on_car_cmd, queue_size=1)
 
@@ -60,8 +61,17 @@ class GuardNode:
                 rospy.logwarn('%s: no command for %.2f s, telling the wheels to stand', rospy.get_name(), silent)
             if silent > limit + self._settings.insist:
                 self._driving = False
-            stamp = border.nanoseconds(rospy.Time.now())
-            self._publisher.publish(border.msg_from_command(Command(0.0, 0.0), stamp, self._messages.Twist2DStamped))
+            self._stop()
+
+    def _stop_for_good(self) -> None:
+        """Nobody watches after this; a controller that works says otherwise at once."""
+        with self._lock:
+            if self._driving:
+                self._stop()
+
+    def _stop(self) -> None:
+        stamp = border.nanoseconds(rospy.Time.now())
+        self._publisher.publish(border.msg_from_command(Command(0.0, 0.0), stamp, self._messages.Twist2DStamped))
 
     def _diagnose(self, status: Any) -> None:
         with self._lock:

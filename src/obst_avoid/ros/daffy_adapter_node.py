@@ -6,6 +6,7 @@ pose again, together with the stop.
 
 import copy
 import threading
+import time
 from dataclasses import dataclass, replace
 from typing import Any, Optional
 
@@ -24,6 +25,8 @@ from obst_avoid.ros.messages import DUCKIETOWN, find_classes
 PERIOD = 0.1
 """[s] after which the request is published again; the controller keeps the last one for ever."""
 LOOK = 0.02
+LAST_WORD = 0.05
+"""[s] of wall time between the last request and the last pose, which travel apart."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class AdapterNodeSettings(DaffySettings):
     """The adapter's settings and those of its node, which launch files set."""
 
     hard_stop: bool = flag()
+    follower: str = text()
     veh: str = text()
     msgs_package: str = text()
 
@@ -50,7 +54,7 @@ class AdapterNode:
         self._pose_msg: Any = None
         self._reference: Optional[Stamped[Reference]] = None
         self._asked = Asked(Pace.STAND, 0.0, 'nothing yet')
-        self._said, self._said_wall = 0, 0.0
+        self._said, self._said_wall, self._passed_wall = 0, 0.0, 0.0
         self._ending = False
         self._rate = node.Rate()
         self._readings = rospy.Publisher('~obstacle_distance_reading', self._reading_class, queue_size=1)
@@ -58,7 +62,7 @@ class AdapterNode:
         self._emergency = None
         if self._settings.hard_stop:
             self._emergency = rospy.Publisher('~emergency_stop', self._flag_class, queue_size=1, latch=True)
-        self._emergency_said: Optional[bool] = None
+        self._emergency_said = False  # what somebody else has pressed is not released
         self._health = node.Health(self._settings.veh, self._diagnose)
         rospy.on_shutdown(self._stop_for_good)
         node.every(LOOK, self._on_look)
@@ -102,20 +106,18 @@ class AdapterNode:
     def _on_look(self) -> None:
         with self._lock:
             clock = self._clock.look()
-            if age(self._said, clock.now) < PERIOD and clock.wall - self._said_wall < PERIOD and not clock.backwards:
-                return
-            self._act(clock)
-            if self._asked.pace is Pace.STAND and self._pose_msg is not None:
-                stale = age(self._pose_msg.header.stamp.to_nsec(), clock.now) > self._settings.lane_pose_age_limit
-                if stale or clock.backwards or clock.stood > self._settings.clock_age_limit:
-                    self._pass_on(self._pose_msg)
+            if age(self._said, clock.now) >= PERIOD or clock.wall - self._said_wall >= PERIOD or clock.backwards:
+                self._act(clock)
+            silent = clock.wall - self._passed_wall
+            if self._asked.pace is Pace.STAND and self._pose_msg is not None and silent >= PERIOD:
+                self._pass_on(self._pose_msg)  # the filter is silent, and the controller acts on poses only
 
     def _act(self, clock: node.ClockReading) -> None:
         """Say what the controller shall do."""
         if self._ending:
             return
         if acts(self._on, self._mode, self._settings):
-            heard = self._poses.get_num_connections() > 0
+            heard = self._is_followed()
             self._asked = asked(self._pose, self._reference, heard, clock.stood, clock.now, self._settings)
         else:
             why = 'switched off' if not self._on else 'mode %s' % self._mode
@@ -123,15 +125,21 @@ class AdapterNode:
         self._say(clock.now)
         self._said, self._said_wall = clock.now, clock.wall
 
+    def _is_followed(self) -> bool:
+        """Whether the lane controller hears the moved lane pose; others may listen, a recorder for example."""
+        followers = [connection.endpoint_id for connection in self._poses.impl.connections]
+        return any(name.split('/')[-1] == self._settings.follower for name in followers)
+
     def _say(self, now: int) -> None:
         self._readings.publish(border.stop_line_reading(self._asked.pace, now, self._reading_class))
-        stand = self._asked.pace is Pace.STAND
+        stand = self._asked.pace is Pace.STAND and acts(self._on, self._mode, self._settings)
         if self._emergency is not None and stand is not self._emergency_said:
             self._emergency_said = stand
             self._emergency.publish(border.flag(stand, now, self._flag_class))
 
     def _pass_on(self, msg: Any) -> None:
         """A lane pose to the controller, moved by d_ref."""
+        self._passed_wall = time.monotonic()
         moved = copy.copy(msg)
         moved.d = msg.d - self._asked.d_ref
         self._poses.publish(moved)
@@ -143,6 +151,7 @@ class AdapterNode:
             self._asked = replace(self._asked, pace=Pace.STAND, reason='ending')
             self._say(border.nanoseconds(rospy.Time.now()))
             if self._pose_msg is not None:
+                time.sleep(LAST_WORD)
                 self._pass_on(self._pose_msg)
 
     def _diagnose(self, status: Any) -> None:
@@ -154,7 +163,7 @@ class AdapterNode:
         status.add('d_ref [m]', '%.3f' % said.d_ref)
         status.add('mode', self._mode or 'none')
         status.add('lane poses per second', '%.1f' % self._rate.read())
-        status.add('listeners to the moved lane pose', self._poses.get_num_connections())
+        status.add('the lane controller follows', self._is_followed())
         now = border.nanoseconds(rospy.Time.now())
         for name, value in (('lane pose', pose), ('lane control', reference)):
             status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))

@@ -6,7 +6,10 @@ import threading
 import time
 import traceback
 from dataclasses import dataclass
+from http.client import HTTPException
 from typing import Any, Callable, Dict, Generic, Optional, Type, TypeVar
+from xml.parsers.expat import ExpatError
+from xmlrpc.client import Error as XmlrpcError
 
 import diagnostic_updater
 import rosgraph
@@ -149,25 +152,35 @@ class MasterWatch:
     def __init__(self) -> None:
         self._master = rosgraph.Master(rospy.get_name())
         namespace = rospy.get_namespace()
-        self._parameters = {namespace + name: value for name, value in rospy.get_param(namespace, {}).items()}
+        everything = rospy.get_param(namespace, {}).items()
+        self._parameters = {namespace + name: value for name, value in everything if _is_ours(value)}
         self._parameters['/use_sim_time'] = rospy.get_param('/use_sim_time', False)
         self._missing = 0
 
     def look(self) -> None:
         """Once every MASTER_PERIOD."""
         try:
-            self._master.lookupNode(rospy.get_name())
-            self._missing = 0
-        except rosgraph.MasterError:
-            self._missing += 1
-        except (OSError, rosgraph.MasterException):
+            self._missing = 0 if self._is_known() else self._missing + 1
+            if self._missing < 2 or ending():  # one may be a look at a node that is just beginning, or ending
+                return
+            for name, value in self._parameters.items():
+                if not self._master.hasParam(name):
+                    self._master.setParam(name, value)
+        except (OSError, rosgraph.MasterException, HTTPException, XmlrpcError, ExpatError):  # there is none, or no more
             return
-        if self._missing < 2 or ending():  # one may be a look at a node that is just beginning, or ending
-            return
-        for name, value in self._parameters.items():
-            if not self._master.hasParam(name):
-                self._master.setParam(name, value)
         raise NodeError('the master was restarted, ending to be started again')
+
+    def _is_known(self) -> bool:
+        try:
+            self._master.lookupNode(rospy.get_name())
+        except rosgraph.MasterError:
+            return False
+        return True
+
+
+def _is_ours(parameters: Any) -> bool:
+    """Whether these are what our launch files give a node: the stack's own come with its own launch files."""
+    return isinstance(parameters, dict) and 'veh' in parameters and bool({'msgs_package', 'input'} & set(parameters))
 
 
 def _end(why: str) -> None:
