@@ -20,7 +20,7 @@ from obst_avoid.core.picture import decode_jpeg
 from obst_avoid.msg import BoolStamped, LaneControl, LanePose
 
 VEH = 'town'
-RATE, DURATION = 10.0, 7.0
+RATE, DURATION = 10.0, 8.0
 """Pictures a second; [s] of the drive."""
 ALONG, RADIUS = 1.0, 0.035
 """[m] from the start to the ball's middle along the lane, and half its height."""
@@ -38,7 +38,7 @@ clutter: 0
 light: {color: white, strength: 1.0, lamps: 1, glare: 0.0, unevenness: 0.0, headlight: 0.0}
 pose_errors: real
 turn_said: true           # whether anybody says which turn the robot will take
-duration: 7.0
+duration: 8.0
 success: {must: stop, goal: 3.0, smallest_gap: 0.05, largest_gap: 0.45}
 """
 
@@ -86,7 +86,7 @@ class Simulator(Prepared):
             'veh': VEH,
             'scenario': 'duckie.yaml',  # seen from where roslaunch is called, not from where nodes run
             'stage': 'stop_only',
-            'profile': 'paper',
+            'profile': 'robust',
             'msgs_package': 'obst_avoid',
             'real_time_factor': '0',
             'picture_rate': str(RATE),
@@ -106,7 +106,7 @@ class Simulator(Prepared):
         return np.array([nanoseconds(msg) / 1e9 for msg in messages])
 
     def test_it_runs_its_time_and_ends_by_itself(self) -> None:
-        self.assertEqual(len(self.said('the drive is over: its time of 7 s is up')), 1, self.log[-3000:])
+        self.assertEqual(len(self.said('the drive is over: its time of 8 s is up')), 1, self.log[-3000:])
         self.assertEqual(self.said('Traceback', '[FATAL]', '[ERROR]', 'exit code'), [], self.log[-3000:])
 
     def test_time_runs_forward_in_small_steps(self) -> None:
