@@ -191,10 +191,7 @@ def _bends(
     curvature, error = float(lane.belief.mean[2]), lane.errors[2]
     unseen = LINES_FORGOTTEN if lane.lines_stamp is None else age(lane.lines_stamp, now)
     lost = LINES_LOST < unseen < LINES_FORGOTTEN or (unseen > LINES_FORGOTTEN and _stands(memory))
-    out = (
-        memory.passing is not None and memory.passing > settings.lane_width / 2
-    )  # beyond the yellow line nobody looks for lines
-    if not lost or out or error < BEND_SAID:
+    if not lost or _beyond(memory, settings) or error < BEND_SAID:
         return [curvature]
     ways = TURNS if turn is None else ('straight', turn)
     return sorted({curvature, *(TURNS[way] for way in ways)})
@@ -304,8 +301,7 @@ def _plan(
         if reached(before, lane.pose, way.d_ref, settings):
             return Plan(way, way.d_ref, blocking, why, numbers)
         return Plan(None, 0.0, ahead, 'another one has to be passed first')
-    beyond = memory.passing is not None and memory.passing > settings.lane_width / 2
-    if settings.stage == OPPOSITE and (beyond or _stands(memory)):
+    if settings.stage == OPPOSITE and (_beyond(memory, settings) or _stands(memory)):
         way = passing_beyond(everything, lane.pose, settings)
         if way is not None:
             return Plan(way, way.d_ref, [], '', numbers)
@@ -387,6 +383,11 @@ def _brake(plan: Plan, allowed: float, reported: int, settings: AvoidanceSetting
         _distance(first), why and ', ' + why,
     )  # fmt: skip
     return Decision(State.STOPPED if stop else State.SLOWING, plan.d_ref, 0.0 if stop else allowed, reason)
+
+
+def _beyond(memory: Memory, settings: AvoidanceSettings) -> bool:
+    """Whether the robot passes over the yellow line, where nobody looks for lines."""
+    return memory.passing is not None and memory.passing > settings.lane_width / 2
 
 
 def _stands(memory: Memory) -> bool:
