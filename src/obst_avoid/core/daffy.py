@@ -7,23 +7,12 @@ to do more slowly.
 
 import enum
 from dataclasses import dataclass
-from typing import Any, Optional, Tuple
+from typing import Optional, Tuple
 
 from obst_avoid.core.age import why_stale, why_stopped
 from obst_avoid.core.lane_control import Reference
-from obst_avoid.core.settings import SettingsError, checked, number
+from obst_avoid.core.settings import names, number
 from obst_avoid.core.types import LanePose, Stamped
-
-
-def names() -> Any:
-    """A field that holds a list of words."""
-
-    def check(value: Any, where: str) -> Tuple[str, ...]:
-        if not isinstance(value, (list, tuple)) or not all(isinstance(item, str) and item for item in value):
-            raise SettingsError('%s = %r, expected a list of names' % (where, value))
-        return tuple(value)
-
-    return checked(check)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import dataclasses
 import difflib
 import operator
 import sys
-from typing import Any, Callable, Dict, Mapping, Optional, Type, TypeVar
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Type, TypeVar
 
 import yaml
 
@@ -89,6 +89,17 @@ def text() -> Any:
         if not isinstance(value, str):
             raise SettingsError('%s = %r, expected text' % (where, value))
         return value
+
+    return checked(check)
+
+
+def names() -> Any:
+    """A field that holds a list of words."""
+
+    def check(value: Any, where: str) -> Tuple[str, ...]:
+        if not isinstance(value, (list, tuple)) or not all(isinstance(item, str) and item for item in value):
+            raise SettingsError('%s = %r, expected a list of names' % (where, value))
+        return tuple(value)
 
     return checked(check)
 
