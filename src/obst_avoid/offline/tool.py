@@ -95,7 +95,8 @@ def whole(path: str) -> Iterator[str]:
     if os.path.exists(path) and not os.path.isfile(path):  # /dev/stdout for example
         yield path
         return
-    part = path + '.part'
+    path = os.path.realpath(path)  # a link goes on leading there
+    part = '%s.%d.part' % (path, os.getpid())
     try:
         yield part
         os.replace(part, path)
