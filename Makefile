@@ -7,7 +7,7 @@ BUILD := build
 ENV := set -e; [ ! -f /opt/ros/noetic/setup.bash ] || source /opt/ros/noetic/setup.bash;
 DEVEL := $(ENV) source $(BUILD)/devel/setup.bash;
 
-.PHONY: help setup build demo test test-py38 soak bench lint clean
+.PHONY: help setup build demo test test-py38 soak bench docs lint clean
 
 help:
 	@echo 'make demo    see it drive     (RVIZ=1: in rviz too; IMAGES=folder: on your own pictures)'
@@ -15,6 +15,7 @@ help:
 	@echo 'make test-py38  test what needs no ROS with the robot'"'"'s Python 3.8, OpenCV 4.2, numpy 1.17 and scikit-image 0.16'
 	@echo 'make soak    drive in the simulator for 20 minutes, and look for what grows'
 	@echo 'make bench   time each stage (IMAGES=folder: on your own pictures)'
+	@echo 'make docs    build the documentation into build/docs'
 	@echo 'make lint    check style and types'
 	@echo 'make setup   install what is missing; make build: build into build/'
 
@@ -29,6 +30,7 @@ demo: build
 	  $(if $(CALIBRATION),--calibration '$(CALIBRATION)') $(if $(VEHICLE),--vehicle '$(VEHICLE)') $(if $(RVIZ),--rviz)
 
 test: build
+	@bash deps/install desktop docs
 	@$(DEVEL) test/run $(BUILD)
 
 test-py38:
@@ -39,6 +41,11 @@ soak: build
 
 bench: build
 	@$(DEVEL) rosrun obst_avoid bench --output $(BUILD)/bench.json $(if $(IMAGES),'$(IMAGES)')
+
+docs: build
+	@bash deps/install docs
+	@$(DEVEL) /usr/bin/python3 -m sphinx -W --keep-going -q -b html docs $(BUILD)/docs
+	@echo "$(BUILD)/docs/index.html"
 
 lint: setup
 	@bash deps/lint_tools $(BUILD)/lint
