@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from obst_avoid.core.calibration import Calibration, CalibrationError
-from obst_avoid.core.detection import Detector, detect, start
+from obst_avoid.core.detection import Detector, detect, start, tuned
 from obst_avoid.core.detection.settings import PROFILES, DetectionSettings
 from obst_avoid.core.types import Command, Obstacle, Scene, Stamped
 from unit.cameras import Camera, calibration_of
@@ -129,3 +129,29 @@ def test_the_profile_paper_takes_no_notice_of_the_robots_motion(
             scene, now = detect(now, picture_of(calibration, (duckie(0.6, 0.0),)), stamp * MS, told)
         assert len(scene.obstacles) == 1
         assert scene.lane_pose is None
+
+
+def test_other_settings_take_effect_and_nothing_seen_is_lost(
+    calibration: Calibration, detection_settings: DetectionSettings
+) -> None:
+    picture = picture_of(calibration, (duckie(0.5, 0.0),))
+    detector = start(calibration, detection_settings)
+    for number in range(8):
+        scene, detector = detect(detector, picture, number * 33 * MS)
+    assert kinds_of(scene) == ['duckie']
+    bird_view = replace(detection_settings.bird_view, crop_distance=1.2)
+    detector = tuned(detector, replace(detection_settings, bird_view=bird_view))
+    assert detector.view.x_top == pytest.approx(1.2, abs=0.05)
+    scene, detector = detect(detector, picture, 8 * 33 * MS)
+    assert kinds_of(scene) == ['duckie'], 'a track goes on'
+    paper = replace(detection_settings, profile='paper')
+    detector = tuned(detector, paper)
+    scene, detector = detect(detector, picture, 9 * 33 * MS)
+    assert kinds_of(scene) == [], 'another profile has seen one picture only'
+    assert detector.settings is paper
+
+
+def test_settings_that_fit_no_camera_are_refused(settings: DetectionSettings) -> None:
+    detector = start(calibration_of(Camera(pitch=5.0)), settings)
+    with pytest.raises(CalibrationError, match='homography has the horizon at row'):
+        tuned(detector, replace(settings, bird_view=replace(settings.bird_view, horizon_margin=0.49)))

@@ -41,10 +41,11 @@ def with_values(text: str, values: Mapping[Tuple[str, ...], Any]) -> str:
     values: by path; a number, a name, a truth value or a list of these. Raises KeyError for a path that it has not.
     """
     places = {path: node for path, _, node in _entries(yaml.compose(text, yaml.SafeLoader), ())}
-    spans = [(places[path].start_mark.index, places[path].end_mark.index, value) for path, value in values.items()]
-    for begin, end, value in sorted(
-        spans, key=lambda span: -span[0]
-    ):  # from the end, so that those before stay where they are
+    spans: List[Tuple[int, int, Any]] = [
+        (places[path].start_mark.index, places[path].end_mark.index, value) for path, value in values.items()
+    ]
+    spans.sort(key=lambda span: -span[0])  # from the end, so that those before stay where they are
+    for begin, end, value in spans:
         written = yaml.safe_dump(value, default_flow_style=True, width=1000).replace('\n...\n', '').strip()
         text = text[:begin] + written + text[end:]
     return text

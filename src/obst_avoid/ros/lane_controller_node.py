@@ -6,6 +6,7 @@ from typing import Any, Optional, Tuple
 
 import rospy
 
+from obst_avoid.cfg import LaneControllerConfig
 from obst_avoid.core.age import age, fresh
 from obst_avoid.core.lane_control import LaneControlSettings, Reference, control, learning
 from obst_avoid.core.lane_estimate import LaneEstimate, believed, followed
@@ -14,6 +15,7 @@ from obst_avoid.core.settings import text
 from obst_avoid.core.types import Command, LanePose, Stamped
 from obst_avoid.msg import LaneControl
 from obst_avoid.ros import border, node
+from obst_avoid.ros.live import LiveSettings
 from obst_avoid.ros.messages import find_messages
 
 PERIOD = 0.05
@@ -48,10 +50,15 @@ class ControllerNode:
         self._health = node.Health(self._settings.veh, self._diagnose)
         self._ending = False
         rospy.on_shutdown(self._stop_for_good)
+        self._live = LiveSettings(LaneControllerConfig, ControllerNodeSettings, self._tune)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
         rospy.Subscriber('~own_lane_pose', self._messages.LanePose, self._on_own_lane_pose, queue_size=1)
         rospy.Subscriber('~lane_control', LaneControl, self._on_lane_control, queue_size=1)
+
+    def _tune(self, settings: ControllerNodeSettings) -> None:
+        with self._lock:
+            self._settings = settings
 
     def _on_lane_pose(self, msg: Any) -> None:
         self._follow(node.stamped_lane_pose(msg, 'lane pose'), None)

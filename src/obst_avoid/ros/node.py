@@ -29,6 +29,8 @@ REPEAT = 2.0
 """[s] of wall time between two warnings of one kind."""
 MASTER_PERIOD = 1.0
 """[s] of wall time between two looks at the master."""
+LOOKS = 10
+"""Looks at the master between two at the parameters, which live tuning may have changed."""
 
 S = TypeVar('S')
 T = TypeVar('T')
@@ -145,22 +147,22 @@ class MasterWatch:
 
     A node that a new master does not know goes on with the links that it has, but whoever starts later never finds it.
     So it ends, for roslaunch to start it again; and since the new master has lost all parameters, it leaves there what
-    its namespace had when it was started, as far as nobody else has: a node that ended while there was no master could
+    its namespace had when it last looked, as far as nobody else has: a node that ended while there was no master could
     not. While there is no master at all it goes on.
     """
 
     def __init__(self) -> None:
         self._master = rosgraph.Master(rospy.get_name())
-        namespace = rospy.get_namespace()
-        everything = rospy.get_param(namespace, {}).items()
-        self._parameters = {namespace + name: value for name, value in everything if _is_ours(value)}
-        self._parameters['/use_sim_time'] = rospy.get_param('/use_sim_time', False)
-        self._missing = 0
+        self._parameters = self._read()
+        self._missing, self._looks = 0, 0
 
     def look(self) -> None:
         """Once every MASTER_PERIOD."""
         try:
             self._missing = 0 if self._is_known() else self._missing + 1
+            self._looks += 1
+            if self._missing == 0 and self._looks % LOOKS == 0:
+                self._parameters.update(self._read())
             if self._missing < 2 or ending():  # one may be a look at a node that is just beginning, or ending
                 return
             for name, value in self._parameters.items():
@@ -169,6 +171,12 @@ class MasterWatch:
         except (OSError, rosgraph.MasterException, HTTPException, XmlrpcError, ExpatError):  # there is none, or no more
             return
         raise NodeError('the master was restarted, ending to be started again')
+
+    def _read(self) -> Dict[str, Any]:
+        namespace = rospy.get_namespace()
+        everything = rospy.get_param(namespace, {}).items()
+        ours = {namespace + name: value for name, value in everything if _is_ours(value)}
+        return {**ours, '/use_sim_time': rospy.get_param('/use_sim_time', False)}
 
     def _is_known(self) -> bool:
         try:

@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseArray
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from obst_avoid.cfg import ObstacleAvoidanceConfig
 from obst_avoid.core.age import age
 from obst_avoid.core.avoidance.avoider import Inputs, Memory, decide, restamped
 from obst_avoid.core.avoidance.corridor import TURNS, view_of
@@ -19,6 +20,7 @@ from obst_avoid.core.settings import text
 from obst_avoid.core.types import Decision, Stamped, State
 from obst_avoid.msg import LaneControl
 from obst_avoid.ros import border, node
+from obst_avoid.ros.live import LiveSettings
 from obst_avoid.ros.markers import markers_from_decision
 from obst_avoid.ros.messages import find_messages
 
@@ -53,12 +55,17 @@ class AvoidanceNode:
         self._flag = rospy.Publisher('~obstacle_avoidance_active_flag', self._messages.BoolStamped, queue_size=1)
         self._markers = rospy.Publisher('~markers', MarkerArray, queue_size=1)
         self._health = node.Health(self._settings.veh, self._diagnose)
+        self._live = LiveSettings(ObstacleAvoidanceConfig, AvoidanceNodeSettings, self._tune)
         node.every(LOOK, self._on_look)
         rospy.Subscriber('~lane_pose', self._messages.LanePose, self._on_lane_pose, queue_size=1)
         rospy.Subscriber('~own_lane_pose', self._messages.LanePose, self._on_own_lane_pose, queue_size=1)
         rospy.Subscriber('~car_cmd', self._messages.Twist2DStamped, self._on_car_cmd, queue_size=10)
         rospy.Subscriber('~turn', String, self._on_turn, queue_size=1)
         rospy.Subscriber('~posearray', PoseArray, node.callback(self._on_obstacles), queue_size=1)
+
+    def _tune(self, settings: AvoidanceNodeSettings) -> None:
+        with self._lock:
+            self._settings = settings
 
     def _on_lane_pose(self, msg: Any) -> None:
         pose = node.stamped_lane_pose(msg, 'lane pose')

@@ -12,6 +12,7 @@ import rospy
 from geometry_msgs.msg import PoseArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from obst_avoid.cfg import ObstacleDetectionConfig
 from obst_avoid.core import detection
 from obst_avoid.core.age import age
 from obst_avoid.core.calibration import CalibrationError, scaled
@@ -22,6 +23,7 @@ from obst_avoid.core.picture import PictureError, stretched
 from obst_avoid.core.settings import choice, flag, text
 from obst_avoid.core.types import Command, Stamped
 from obst_avoid.ros import border, node
+from obst_avoid.ros.live import LiveSettings
 from obst_avoid.ros.messages import DUCKIETOWN, find_classes, find_messages
 
 
@@ -59,6 +61,7 @@ class DetectionNode:
         self._publisher = rospy.Publisher('~posearray', PoseArray, queue_size=1)
         self._lane_pose_publisher = rospy.Publisher('~lane_pose', self._messages.LanePose, queue_size=1)
         self._health = node.Health(settings.veh, self._diagnose)
+        self._live = LiveSettings(ObstacleDetectionConfig, DetectionNodeSettings, self._tune)
         node.in_background(self._work)
         rospy.Subscriber('~car_cmd', self._messages.Twist2DStamped, self._on_car_cmd, queue_size=10)
         rospy.Subscriber('~camera_info', CameraInfo, self._on_camera_info, queue_size=1)
@@ -69,6 +72,11 @@ class DetectionNode:
             rospy.Subscriber('~image/compressed', CompressedImage, self._newest.put, queue_size=1, buff_size=2**24)
         else:
             rospy.Subscriber('~image', Image, self._newest.put, queue_size=1, buff_size=2**24)
+
+    def _tune(self, settings: DetectionNodeSettings) -> None:
+        """Settings that fit no camera are refused here; the worker takes the others up with its next picture."""
+        detection.start(self._detector.calibration, settings)
+        self._settings = settings
 
     def _work(self) -> None:
         msg = self._newest.take(timeout=0.5)
@@ -83,6 +91,8 @@ class DetectionNode:
             picture = self._picture(msg)
             with self._lock:
                 commands = self._commands
+            if self._detector.settings is not self._settings:
+                self._detector = detection.tuned(self._detector, self._settings)
             scene, self._detector = detection.detect(self._detector, picture, stamp, commands)
         except (PictureError, CalibrationError) as error:
             self._reason = node.dropped('picture', error)

@@ -40,6 +40,17 @@ def start(calibration: Calibration, settings: DetectionSettings) -> Detector:
     return Detector(calibration, settings, view, _camera(calibration, settings), _nothing_seen(settings))
 
 
+def tuned(detector: Detector, settings: DetectionSettings) -> Detector:
+    """A detector that goes on with other settings, and with what it has seen unless the profile is another one.
+
+    Raises what start does.
+    """
+    fresh = start(detector.view.calibration, settings)
+    if settings.profile != detector.settings.profile:
+        return replace(fresh, calibration=detector.calibration)
+    return replace(detector, settings=settings, view=fresh.view)
+
+
 def detect(
     detector: Detector,
     picture: Array,
