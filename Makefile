@@ -21,6 +21,7 @@ help:
 
 setup:
 	@bash deps/install
+	@bash deps/venv $(BUILD)
 
 build: setup
 	@$(ENV) bash deps/configure $(BUILD) && cmake --build $(BUILD) >$(BUILD)/build.log || { tail -n 30 $(BUILD)/build.log; exit 1; }

@@ -3,16 +3,15 @@
 import argparse
 import os
 import sys
-from typing import Any, Dict, Iterator
+from typing import Any
 
 from obst_avoid.core import detection
 from obst_avoid.core.calibration import CalibrationError
-from obst_avoid.core.detection.robust import trees
 from obst_avoid.core.picture import PictureError
 from obst_avoid.offline import tool
 from obst_avoid.offline.pictures import read_picture
+from obst_avoid.offline.steps import Blob, steps_of
 from obst_avoid.viz.overlay import contact_sheet
-from obst_avoid.viz.steps import paper_steps, robust_steps
 
 
 def main(arguments: Any = None) -> int:
@@ -34,38 +33,27 @@ def _main(options: argparse.Namespace) -> int:
     detector = detection.start(tool.calibration_of(options), tool.detection_settings(options))
     broken = 0
     for path in tool.progress(files, 'drawing'):
-        stages: Dict[str, Any] = {}
         try:
-            picture = read_picture(path)
-            _, seen = detection.detect(detector, picture, None, trace=stages.__setitem__)
+            steps = steps_of(detector, read_picture(path))
         except (PictureError, CalibrationError, OSError) as error:
             print('show_steps: %s' % (tool.why_os(error) if isinstance(error, OSError) else error), file=sys.stderr)
             broken += 1
             continue
-        robust = seen.camera is not None
-        panels = (
-            robust_steps(picture, stages, seen.view, seen.camera) if robust else paper_steps(picture, stages, seen.view)
-        )
         folder = os.path.join(options.output, stems[path])
         os.makedirs(folder, exist_ok=True)
-        for name, panel in panels:
+        for name, panel in steps.panels:
             tool.write_picture(os.path.join(folder, name.replace(', ', '_').replace(' ', '_') + '.png'), panel)
-        tool.write_picture(os.path.join(folder, 'contact_sheet.png'), contact_sheet(panels, columns=3, width=480))
-        for sentence in _why_robust(stages) if robust else _why_paper(stages):
-            print('%s %s' % (path, sentence))
+        tool.write_picture(os.path.join(folder, 'contact_sheet.png'), contact_sheet(steps.panels, columns=3, width=480))
+        for blob in steps.blobs:
+            print('%s %s' % (path, _sentence(blob)))
     print('%d pictures: %s' % (len(files) - broken, options.output))
     return 1 if broken else 0
 
 
-def _why_paper(stages: Dict[str, Any]) -> Iterator[str]:
-    """A sentence for each blob: where it is, and why it is no obstacle."""
-    for blob in stages['blobs']:
-        yield '(%d, %d) %s: %s' % (blob.box.left, blob.box.bottom, blob.kind.value, blob.refused or 'accepted')
-
-
-def _why_robust(stages: Dict[str, Any]) -> Iterator[str]:
-    """A sentence for each candidate: where it is, how sure, and the measurements that moved that most."""
-    for item in stages['candidates']:
-        moved = trees.reasons(trees.shipped()['thing'], stages['values'][item.row])
-        reasons = ', '.join('%s %+.1f' % reason for reason in moved)
-        yield '(%d, %d) %s %.2f: %s' % (item.box.left, item.box.bottom, item.kind.value, item.confidence, reasons)
+def _sentence(blob: Blob) -> str:
+    """Where it is, and why it is no obstacle, or how sure and the measurements that moved that most."""
+    where = '(%d, %d) %s' % (*blob.corner, blob.kind.value)
+    if not blob.reasons:
+        return '%s: %s%s' % (where, 'accepted, ' if blob.accepted else '', blob.why)
+    reasons = ', '.join('%s %+.1f' % reason for reason in blob.reasons.items())
+    return '%s %.2f: %s' % (where, blob.numbers['confidence'], reasons)

@@ -173,11 +173,16 @@ def lane_control_settings(config: str) -> LaneControlSettings:
 
 def node_yaml(config: str, name: str) -> Dict[str, Any]:
     """One settings file, from the given folder or the package's own."""
-    path = os.path.join(config or os.path.join(package_folder(), 'config'), name)
+    path = settings_file(config, name)
     content = read_yaml(path)
     if not isinstance(content, dict):
         raise SettingsError('%s is not a mapping, expected settings' % path)
     return content
+
+
+def settings_file(config: str, name: str) -> str:
+    """Where a settings file lies: in the given folder, or among the package's own."""
+    return os.path.join(config or os.path.join(package_folder(), 'config'), name)
 
 
 def package_folder() -> str:

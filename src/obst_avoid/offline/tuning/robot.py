@@ -1,0 +1,104 @@
+"""A running robot: its settings, its camera, and what it decides. Settings are changed where rqt_reconfigure would."""
+
+import threading
+from typing import Any, Dict, Optional
+
+import rosgraph
+import rospy
+from dynamic_reconfigure import DynamicReconfigureCallbackException, DynamicReconfigureParameterException
+from dynamic_reconfigure.client import Client
+from sensor_msgs.msg import CompressedImage, Image
+
+from obst_avoid.core.picture import PictureError
+from obst_avoid.core.types import Array
+from obst_avoid.msg import LaneControl
+from obst_avoid.offline import tool
+from obst_avoid.offline.tuning.settings import AVOIDER, DETECTOR, NODES, Tunable, Values, from_parameters
+from obst_avoid.ros import border
+
+WAIT = 5.0
+"""[s] of wall time for a node to answer."""
+
+
+class Robot:
+    """Its nodes of ours that run; the newest picture and decision. Raises ToolError where there is none."""
+
+    def __init__(self, veh: str) -> None:
+        self.veh = veh
+        if not rosgraph.is_master_online():
+            raise tool.ToolError('no ROS master at %s, expected that of %s' % (rosgraph.get_master_uri(), veh))
+        rospy.init_node('tune', anonymous=True, disable_signals=True)
+        self._clients: Dict[str, Client] = {}
+        for node in NODES:
+            if rospy.has_param('/%s/%s' % (veh, node)):
+                self._clients[node] = self._client(node)
+        if DETECTOR not in self._clients or AVOIDER not in self._clients:
+            raise tool.ToolError('no %s and %s of %s run, expected obst_avoid.launch' % (DETECTOR, AVOIDER, veh))
+        self._lock = threading.Lock()
+        self._picture: Optional[Any] = None
+        self._decision: Optional[LaneControl] = None
+        raw = rospy.get_param('/%s/%s/input' % (veh, DETECTOR), 'compressed') == 'raw'
+        topic, cls = ('image', Image) if raw else ('image/compressed', CompressedImage)
+        rospy.Subscriber('/%s/camera_node/%s' % (veh, topic), cls, self._on_picture, queue_size=1, buff_size=2**24)
+        rospy.Subscriber('/%s/%s/lane_control' % (veh, AVOIDER), LaneControl, self._on_decision, queue_size=1)
+
+    def _client(self, node: str) -> Client:
+        name = '/%s/%s' % (self.veh, node)
+        try:
+            return Client(name, timeout=WAIT)
+        except rospy.ROSException as error:
+            raise tool.ToolError('%s does not answer, expected it to run' % name) from error
+
+    def _on_picture(self, msg: Any) -> None:
+        with self._lock:
+            self._picture = msg
+
+    def _on_decision(self, msg: LaneControl) -> None:
+        with self._lock:
+            self._decision = msg
+
+    def picture(self) -> Array:
+        """The newest, (H, W, 3) uint8, BGR. Raises PictureError."""
+        with self._lock:
+            msg = self._picture
+        if msg is None:
+            raise PictureError('no picture of %s yet, expected its camera to run' % self.veh)
+        if isinstance(msg, CompressedImage):
+            return border.picture_from_compressed_image(msg)
+        return border.picture_from_image(msg)
+
+    def decision(self) -> str:
+        """The robot's last one, for a person."""
+        with self._lock:
+            msg = self._decision
+        if msg is None:
+            return 'nothing decided yet'
+        decision = border.decision_from_lane_control(msg)
+        return '%s: %s' % (decision.state.name, decision.reason)
+
+    def values(self) -> Values:
+        """The settings that the nodes run with. Raises ToolError."""
+        found = {}
+        for node in self._clients:
+            try:
+                parameters = rospy.get_param('/%s/%s' % (self.veh, node))
+            except (KeyError, OSError, rosgraph.MasterException) as error:
+                raise tool.ToolError('%s of %s has no parameters any more' % (node, self.veh)) from error
+            found[node] = from_parameters(parameters, node)
+        return found
+
+    def change(self, item: Tunable, value: Any) -> None:
+        """Set one there. Raises ToolError when the node is gone or did not take it."""
+        name = '/%s/%s' % (self.veh, item.node)
+        try:
+            after = self._clients[item.node].update_configuration({item.name: value})
+        except (
+            DynamicReconfigureCallbackException,
+            DynamicReconfigureParameterException,
+            rospy.ROSException,
+            rospy.ServiceException,
+            OSError,
+        ) as error:
+            raise tool.ToolError('%s did not take %s = %s: %s' % (name, item.name, value, error)) from error
+        if after is None or after[item.name] != value:
+            raise tool.ToolError('%s did not take %s = %s; its log says why' % (name, item.name, value))

@@ -1,0 +1,110 @@
+"""Headless Chromium over a page that a program of ours serves, for tests."""
+
+import shutil
+import socket
+import subprocess
+import tempfile
+from contextlib import contextmanager
+from typing import Any, Iterator, List, Sequence
+
+import pytest
+from helpers import ANSWER, START, free_port, wait_for
+from selenium.common.exceptions import StaleElementReferenceException
+from selenium.webdriver import Chrome
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.keys import Keys
+
+
+@contextmanager
+def chromium(width: int = 1400, height: int = 1200) -> Iterator[Chrome]:
+    """A browser without a screen. Skips where there is none."""
+    driver = shutil.which('chromedriver')
+    if driver is None:
+        pytest.skip('no chromedriver: deps/install desktop')
+    options = Options()
+    for argument in ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage'):
+        options.add_argument(argument)
+    options.add_argument('--window-size=%d,%d' % (width, height))
+    browser = Chrome(service=Service(driver), options=options)
+    try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+class Page:
+    """What a person sees of the tuning page, and does with it."""
+
+    def __init__(self, browser: Chrome, url: str) -> None:
+        self.browser = browser
+        browser.get(url)
+
+    def text(self, identity: str) -> str:
+        """Of one element; '' while it is not there."""
+        try:
+            return ' '.join(element.text for element in self.browser.find_elements('id', identity))
+        except StaleElementReferenceException:
+            return ''
+
+    def wait(self, identity: str, words: str) -> str:
+        """Until an element's text has these words."""
+        try:
+            wait_for(lambda: words in self.text(identity), START, words)
+        except AssertionError as error:
+            raise AssertionError('#%s has %r, expected %r' % (identity, self.text(identity), words)) from error
+        return self.text(identity)
+
+    def click(self, identity: str) -> None:
+        """A button."""
+        self.browser.find_element('id', identity).click()
+
+    def enter(self, identity: str, value: Any) -> None:
+        """A number, in place of the one before."""
+        field = self.browser.find_element('id', identity)
+        field.send_keys(Keys.CONTROL + 'a')
+        field.send_keys(str(value) + Keys.TAB)
+
+    def choose(self, identity: str, word: str) -> None:
+        """One of a list of words."""
+        self.browser.find_element('id', identity).click()
+        options = wait_for(lambda: self.browser.find_elements('css selector', '.q-menu .q-item'), ANSWER, 'the list')
+        next(option for option in options if option.text == word).click()
+        wait_for(lambda: not self.browser.find_elements('css selector', '.q-menu'), ANSWER, 'the list is closed')
+
+    def pictures(self) -> List[int]:
+        """Widths [px] of the pictures that are shown and have come whole."""
+        script = "return [...document.querySelectorAll('img')].map(i => i.complete ? i.naturalWidth : 0)"
+        return [width for width in self.browser.execute_script(script) if width]
+
+
+@contextmanager
+def serving(call: Sequence[str], port: int) -> Iterator['subprocess.Popen[bytes]']:
+    """A program that serves a page, until the block is left; it is asked to end as by Ctrl-C, and must."""
+    import signal
+
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen(list(call), stdout=log, stderr=subprocess.STDOUT)
+        try:
+
+            def answers() -> bool:
+                if process.poll() is not None:
+                    log.seek(0)
+                    raise AssertionError('%s ended: %s' % (call, log.read().decode()))
+                with socket.socket() as probe:
+                    return probe.connect_ex(('127.0.0.1', port)) == 0
+
+            wait_for(answers, START, 'a page')
+            yield process
+            process.send_signal(signal.SIGINT)
+            process.wait(START)
+            log.seek(0)
+            said = log.read().decode()
+            assert 'Traceback' not in said, said
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+
+__all__ = ['Page', 'chromium', 'free_port', 'serving']
