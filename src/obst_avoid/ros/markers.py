@@ -79,6 +79,11 @@ def state_from_markers(msg: MarkerArray) -> State:
     return State[name]
 
 
+def reason_from_markers(msg: MarkerArray) -> str:
+    """The inverse of markers_from_decision, as to the decision's reason, on one line. Raises BorderError."""
+    return ' '.join(_shown(msg)['reason'].text.split('\n')[1:])
+
+
 def _shown(msg: MarkerArray) -> Dict[str, Marker]:
     """The markers of a decision by namespace, without those that are deleted."""
     shown = {marker.ns: marker for marker in msg.markers if marker.action == Marker.ADD}
