@@ -132,19 +132,20 @@ class AvoidanceNode:
         now = border.nanoseconds(rospy.Time.now())
         faulty = decision.state is State.FAULT
         status.summary(node.ERROR if faulty else node.OK, '%s: %s' % (decision.state.name, decision.reason))
-        status.add('stage', self._settings.stage)
-        status.add('obstacle lists per second', '%.1f' % self._rate.read())
+        status.add('obstacle lists [1/s]', '%.1f' % self._rate.read())
         ages = (
             ('obstacle list', inputs.obstacles),
             ('lane pose', inputs.lane_pose),
             ('own lane pose', inputs.own_lane_pose),
         )
         for name, value in ages:
-            status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))
-        status.add('d_ref [m]', '%.3f' % decision.d_ref)
-        status.add('v_ref [m/s]', '%.2f' % decision.v_ref)
+            status.add(name + ' age [s]', node.figure(None if value is None else age(value.stamp, now), '%.3f'))
+        status.add('last reason', decision.reason)
+        status.add('stage', self._settings.stage)
+        status.add('d_ref [m]', node.figure(decision.d_ref, '%.3f'))
+        status.add('v_ref [m/s]', node.figure(decision.v_ref, '%.2f'))
         for name, number in decision.numbers.items():
-            status.add(name, '%.3f' % number)
+            status.add(name, node.figure(number, '%.3f'))
 
 
 def main() -> None:
