@@ -190,7 +190,7 @@ def test_each_node_is_given_all_its_settings_and_no_others(name: str, arguments:
 def test_names_lead_to_the_topics_of_the_contract(name: str, arguments: Dict[str, str]) -> None:
     config = load_launch(name, veh='duck1', **arguments)
     for node in config.nodes:
-        if node.package == 'obst_avoid':
+        if node.package == 'obst_avoid' and node.type not in TOOLS:
             wanted = {own: '/duck1/' + topic for own, topic in CONTRACT[node.type].items()}
             if name == 'replay.launch' and node.type in ('obstacle_detection_node', 'obstacle_avoidance_node'):
                 wanted['~car_cmd'] = '/duck1/replay_node/car_cmd'  # how the robot moved when it was recorded
