@@ -123,7 +123,7 @@ def central_panel(screen: Any, right: int) -> Area:
     content = yaml.safe_load((REPOSITORY / 'rviz' / 'obst_avoid.rviz').read_text())
     red, green, blue = (int(part) for part in content['Visualization Manager']['Global Options']['Background Color'].split(';'))
     ground = (np.abs(screen[:, :right].astype(int) - (blue, green, red)) <= 3).all(axis=2)
-    rows, columns = np.flatnonzero(ground.any(axis=1)), np.flatnonzero(ground.any(axis=0))
+    rows, columns = (np.flatnonzero(ground.mean(axis=axis) > 0.1) for axis in (1, 0))
     if not len(rows):
         return 0, 0, right, screen.shape[0]
     return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1

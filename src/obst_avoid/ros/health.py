@@ -76,7 +76,7 @@ def _wrapped(words: str) -> List[str]:
     lines, indent = [], ''
     while len(indent + words) > WIDTH:
         room = WIDTH - len(indent)
-        at = words.rfind(' ', 1, room + 1)
+        at = max(words.rfind(' ', 1, room + 1), words.rfind('/', 1, room + 1))
         at = at if at > 0 else room
         lines.append(indent + words[:at])
         words, indent = words[at:].strip(), '    '

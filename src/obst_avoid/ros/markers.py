@@ -17,8 +17,9 @@ from obst_avoid.ros.border import BorderError, ros_time
 RED, GREEN = ColorRGBA(0.9, 0.1, 0.1, 0.9), ColorRGBA(0.1, 0.8, 0.2, 0.9)
 YELLOW, BLUE = ColorRGBA(1.0, 0.8, 0.0, 1.0), ColorRGBA(0.2, 0.5, 1.0, 1.0)
 PALE = ColorRGBA(0.75, 0.9, 0.75, 1.0)
-HEALTH_PLACE, HEALTH_LETTERS = (0.2, 0.75, 0.02), 0.022
-"""[m] Left of the road, and the height of the letters."""
+REASON_PLACE, REASON_LETTERS = (-0.1, 0.0, 0.0), 0.026
+HEALTH_PLACE, HEALTH_LETTERS = (-0.34, 0.0, 0.0), 0.017
+"""[m] Behind the robot, where no road is hidden, and the height of the letters."""
 HEIGHT = 0.06
 """[m] of an obstacle's cylinder; the detector does not measure heights."""
 RIM = 0.04
@@ -53,8 +54,8 @@ def markers_from_decision(decision: Decision, view: View, stamp: int, frame_id: 
     region = _line(header, 'region', color, view.region)
     path = _line(header, 'path', BLUE, view.way)
     reason = _marker(header, 'reason', 0, Marker.TEXT_VIEW_FACING, color)
-    reason.pose.position = Point(-0.1, 0.0, 0.1)
-    reason.scale.z = 0.025
+    reason.pose.position = Point(*REASON_PLACE)
+    reason.scale.z = REASON_LETTERS
     reason.text = '%s\n%s' % (decision.state.name, decision.reason.replace(', ', ',\n'))
     if view.deciding is None:
         return MarkerArray([region, path, reason, _deleted(header, 'deciding', 0)])
@@ -67,7 +68,7 @@ def markers_from_decision(decision: Decision, view: View, stamp: int, frame_id: 
 
 
 def markers_from_health(words: str, level: int, frame_id: str) -> MarkerArray:
-    """How the nodes are, as text beside the road, in the colour of the worst. level: as in DiagnosticStatus."""
+    """How the nodes are, as text behind the robot, in the colour of the worst. level: as in DiagnosticStatus."""
     color = RED if level >= DiagnosticStatus.ERROR else YELLOW if level == DiagnosticStatus.WARN else PALE
     marker = _marker(Header(frame_id=frame_id), 'health', 0, Marker.TEXT_VIEW_FACING, color)  # stamp 0: always valid
     marker.pose.position = Point(*HEALTH_PLACE)
