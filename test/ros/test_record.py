@@ -113,7 +113,7 @@ def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeyp
     drive = ['simulation.launch', 'veh:=duck1', 'picture_rate:=10', 'scenario:=demo.yaml']
     drive[-1] = 'scenario:=' + os.path.join(record.tool.package_folder(), 'config/demo.yaml')
     with (tmp_path / 'log.txt').open('wb') as log, launched(drive, log.fileno()) as graph:
-        call = ['roslaunch', 'obst_avoid', 'record.launch', 'veh:=duck1', 'output:=drives', 'megabytes:=200']
+        call = ['roslaunch', '--wait', 'obst_avoid', 'record.launch', 'veh:=duck1', 'output:=drives', 'megabytes:=200']
         with running([*call, 'allow_default_calibration:=true'], {**graph.environment, 'PWD': str(tmp_path)}):
             wait_for(lambda: bytes_in(tmp_path / 'drives') > 1_500_000, 120.0, 'a recording')
     (folder,) = (tmp_path / 'drives').iterdir()

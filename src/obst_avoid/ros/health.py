@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 SILENT = 3.0
 """[s] of wall time after which a node has fallen silent; each reports once a second."""
-WIDTH = 64
+WIDTH = 80
 """Letters in a line at most."""
 SHORT = {
     'obstacle_detection_node': 'detector',

@@ -18,7 +18,7 @@ RED, GREEN = ColorRGBA(0.9, 0.1, 0.1, 0.9), ColorRGBA(0.1, 0.8, 0.2, 0.9)
 YELLOW, BLUE = ColorRGBA(1.0, 0.8, 0.0, 1.0), ColorRGBA(0.2, 0.5, 1.0, 1.0)
 PALE = ColorRGBA(0.75, 0.9, 0.75, 1.0)
 REASON_PLACE, REASON_LETTERS = (-0.1, 0.0, 0.0), 0.026
-HEALTH_PLACE, HEALTH_LETTERS = (-0.34, 0.0, 0.0), 0.017
+HEALTH_PLACE, HEALTH_LETTERS = (-0.34, 0.0, 0.0), 0.016
 """[m] Behind the robot, where no road is hidden, and the height of the letters."""
 HEIGHT = 0.06
 """[m] of an obstacle's cylinder; the detector does not measure heights."""

@@ -16,7 +16,7 @@ from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.avoidance.shown import view_in_picture
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.settings import text
-from obst_avoid.core.types import Decision, Stamped, State
+from obst_avoid.core.types import Decision, Stamped, State, in_words
 from obst_avoid.msg import LaneControl
 from obst_avoid.ros import border, node
 from obst_avoid.ros.markers import markers_from_decision
@@ -131,7 +131,7 @@ class AvoidanceNode:
             decision, inputs = self._decision, self._inputs
         now = border.nanoseconds(rospy.Time.now())
         faulty = decision.state is State.FAULT
-        status.summary(node.ERROR if faulty else node.OK, '%s: %s' % (decision.state.name, decision.reason))
+        status.summary(node.ERROR if faulty else node.OK, in_words(decision.state, decision.reason))
         status.add('obstacle lists [1/s]', '%.1f' % self._rate.read())
         ages = (
             ('obstacle list', inputs.obstacles),

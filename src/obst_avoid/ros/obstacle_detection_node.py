@@ -151,7 +151,7 @@ class DetectionNode:
             status.summary(node.WARN, 'picture %.2f s old, limit %.2f s' % (seconds, self._settings.picture_age_limit))
         else:
             numbers = rate, self._milliseconds, seconds, self._reason
-            status.summary(node.OK, '%.1f pictures/s, %.0f ms each, the last %.2f s old: %s' % numbers)
+            status.summary(node.OK, '%.1f pictures/s, %.0f ms each, %.2f s old: %s' % numbers)
         status.add('pictures [1/s]', '%.1f' % rate)
         status.add('time per picture [ms]', '%.1f' % self._milliseconds)
         status.add('picture age [s]', node.figure(seconds, '%.3f'))

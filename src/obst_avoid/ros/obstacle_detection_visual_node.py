@@ -24,7 +24,7 @@ from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, wa
 from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
 from obst_avoid.core.picture import PictureError, encode_jpeg
 from obst_avoid.core.settings import choice, flag, group, text
-from obst_avoid.core.types import Array, Obstacle, State
+from obst_avoid.core.types import Array, Obstacle, State, in_words
 from obst_avoid.ros import border, node
 from obst_avoid.ros.health import Heard, health_of, heard_of
 from obst_avoid.ros.markers import (
@@ -211,8 +211,7 @@ class VisualNode:
             drawn, free = picture, 0
             if plan is not None:
                 drawn = draw_plan_on_picture(picture, plan.view, plan.state, self._view)
-                words = '%s: %s' % (plan.state.name, plan.reason)
-                drawn, free = headline(drawn, words, STATE_COLORS[plan.state])
+                drawn, free = headline(drawn, in_words(plan.state, plan.reason), STATE_COLORS[plan.state])
             self._image.publish(draw_on_picture(drawn, obstacles, self._view, free), stamp, self._camera_frame)
         if self._bird.wanted():
             bird = warp(crop(picture, self._view), self._view)
@@ -244,7 +243,7 @@ class VisualNode:
         rate = self._rate.read()
         seconds = None if self._stamp is None else age(self._stamp, border.nanoseconds(rospy.Time.now()))
         if rate and seconds is not None:
-            status.summary(node.OK, '%.1f lists/s, the last %.2f s old: %s' % (rate, seconds, self._reason))
+            status.summary(node.OK, '%.1f lists/s, %.2f s old: %s' % (rate, seconds, self._reason))
         else:
             status.summary(node.WARN, 'no obstacle list: %s' % self._reason)
         status.add('obstacle lists [1/s]', '%.1f' % rate)

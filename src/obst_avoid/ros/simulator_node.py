@@ -307,18 +307,18 @@ class SimulatorNode:
         wall, world = time.monotonic(), self._world
         (told_wall, told), self._told = self._told, (wall, world.time)
         factor, rate = (world.time - told) / max(wall - told_wall, 1e-3), self._pictures.read()
-        driven = world.along - self._place.scenario.start
+        driven = node.figure(world.along - self._place.scenario.start, '%.2f')
         numbers = driven, world.time, factor, rate
-        words = 'drove %.2f m in %.1f s, at %.2f of real time, %.1f pictures/s' % numbers
+        words = 'drove %s m in %.1f s, at %.2f of real time, %.1f pictures/s' % numbers
         if world.contact is not None:
             status.summary(node.ERROR, 'touched a %s; %s' % (world.contact.thing.sort, words))
         else:
-            status.summary(node.OK if factor else node.WARN, words)
+            status.summary(node.OK if factor else node.WARN, words if world.time else 'waiting for the other nodes')
         status.add('pictures [1/s]', '%.1f' % rate)
         status.add('simulated seconds a second', '%.2f' % factor)
         status.add('last answer took [ms]', '%.1f' % (1e3 * self._last_latency))
         status.add('simulated time [s]', '%.2f' % world.time)
-        status.add('driven [m]', '%.2f' % driven)
+        status.add('driven [m]', driven)
         status.add('scenario', self._settings.scenario)
         status.add('seed', self._settings.seed)
         status.add('calibration', self._calibration.source)
