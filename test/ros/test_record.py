@@ -134,6 +134,7 @@ def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeyp
     assert {name for name in missing if not name.endswith('parameter_updates')} <= {
         '/duck1/turn'  # only before an intersection
     }
+    look_at(folder, tmp_path)
     robot = ['--calibration', str(folder / 'calibrations'), '--vehicle', 'duck1']
     for tool_call, made in (
         (['drive_report', bag, '--output', str(tmp_path / 'report')], 'report/drive.mp4'),
@@ -142,6 +143,23 @@ def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeyp
     ):
         ended = run_program(['rosrun', 'obst_avoid', *tool_call, *robot], 240)
         assert ended.code == 0 and (tmp_path / made).exists(), ended.output
+
+
+def look_at(folder: Path, tmp_path: Path) -> None:
+    """visualizer.launch draws it, and goes on when the bag begins anew; on the time of the recording."""
+    call = ['visualizer.launch', 'veh:=duck1', 'rviz:=false', 'bag:=' + str(folder), 'rate:=4', 'loop:=true']
+    with rosbag.Bag(str(folder / 'drive_0.bag')) as bag:
+        begin, end = bag.get_start_time(), bag.get_end_time()
+    with (tmp_path / 'log.txt').open('wb') as log:
+        with launched([*call, 'calibration_dir:=' + str(folder / 'calibrations')], log.fileno()) as graph:
+            wait_for(lambda: rosgraph.is_master_online(graph.environment['ROS_MASTER_URI']), START, 'a master')
+            seen: List[float] = []
+            while seen == sorted(seen):  # until time has run backwards
+                ended = run_program([sys.executable, __file__, 'stamp'], START, graph.environment)
+                assert ended.code == 0 and len(seen) < 20, ended.output
+                stamp, now = (float(word) for word in ended.output.split()[-2:])
+                assert all(begin - 1 <= time <= end + 1 for time in (stamp, now))
+                seen.append(stamp)
 
 
 def test_nothing_is_overwritten(tmp_path: Path, monkeypatch: Any) -> None:
@@ -259,5 +277,16 @@ def show_pictures() -> None:
         time.sleep(0.02)
 
 
+def show_stamp() -> None:
+    """Print the stamp of an annotated picture, and the time. A program of its own."""
+    import rospy
+    from sensor_msgs.msg import CompressedImage
+
+    rospy.init_node('looker', anonymous=True)
+    topic = '/duck1/obstacle_detection_visual_node/image/compressed'
+    msg = rospy.wait_for_message(topic, CompressedImage, timeout=None)
+    print(msg.header.stamp.to_sec(), rospy.Time.now().to_sec())
+
+
 if __name__ == '__main__':
-    show_pictures()
+    show_stamp() if 'stamp' in sys.argv else show_pictures()

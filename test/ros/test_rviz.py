@@ -194,7 +194,7 @@ def show_scene(folder: str) -> None:
         plans.publish(markers_from_decision(decision, plan, stamp.to_nsec(), 'duck1/footprint'))
         lists.publish(pose_array(obstacles, stamp, 'duck1/footprint'))
         values = [KeyValue('calibration', '/data/config/calibrations/camera_extrinsic/duck1.yaml')]
-        words = '30.0 pictures/s, 12 ms each, the last 0.03 s old: 2 obstacles, 1 of them in the lane'
+        words = '30.0 pictures/s, 12 ms each, 0.03 s old: 2 obstacles, 1 in the lane'
         line = DiagnosticStatus(DiagnosticStatus.OK, 'duck1/obstacle_detection_node: state', words, 'duck1', values)
         health.publish(DiagnosticArray(status=[line]))
         time.sleep(0.1)

@@ -61,8 +61,9 @@ def _main(options: argparse.Namespace) -> NoReturn:
         raise ToolError('no ROS master at %s, expected one that runs' % rosgraph.get_master_uri())
     names = ['/%s/%s' % (options.vehicle, name) for name in (READ[found], *PLAYED)]
     _refuse_a_live_robot(names)
-    call = ['rosrun', 'rosbag', 'play', '--quiet', '--clock', '--keep-alive', '--delay=%g' % START_WAIT]
-    call += ['--rate=%g' % options.rate] + (['--loop'] if options.loop else [])
+    call = ['rosrun', 'rosbag', 'play', '--quiet', '--clock', '--delay=%g' % START_WAIT]
+    call += ['--rate=%g' % options.rate, '--loop' if options.loop else '--keep-alive']  # the last picture stays
+    call += ['clock:=/clock']  # rosbag has it in its own namespace
     call += [argument for argument in sys.argv[1:] if argument.startswith('__')]  # roslaunch's name for the node
     print('play: %s' % ', '.join(bags), flush=True)
     os.execvp(call[0], [*call, '--topics', *names, '/diagnostics', '--bags', *bags])

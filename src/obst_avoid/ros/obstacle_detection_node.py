@@ -92,7 +92,7 @@ class DetectionNode:
             self._lane_pose_publisher.publish(pose)
         self._publisher.publish(border.pose_array_from_obstacles(scene.obstacles, stamp, self._frame))
         self._milliseconds = 1e3 * (time.perf_counter() - begin)
-        self._reason = '%d obstacles, %d of them in the lane' % (
+        self._reason = '%d obstacles, %d in the lane' % (
             len(scene.obstacles),
             sum(obstacle.in_lane is not False for obstacle in scene.obstacles),
         )
