@@ -49,7 +49,9 @@ def test_a_line_for_each_node_of_this_robot_in_the_order_of_the_data() -> None:
     assert level == OK
 
 
-@pytest.mark.parametrize('levels, worst', [((OK, WARN), WARN), ((ERROR, WARN), ERROR), ((OK, 3), ERROR), ((OK, OK), OK)])
+@pytest.mark.parametrize(
+    'levels, worst', [((OK, WARN), WARN), ((ERROR, WARN), ERROR), ((OK, 3), ERROR), ((OK, OK), OK)]
+)
 def test_the_worst_level_counts_and_is_said(levels: Any, worst: int) -> None:
     heard = heard_of(
         said((DETECTOR, 'duck1', levels[0], 'a', ''), (AVOIDER, 'duck1', levels[1], 'b', '')), 'duck1', 0.0
@@ -91,7 +93,13 @@ def test_the_marker_is_text_in_the_colour_of_the_level() -> None:
 
 @pytest.mark.parametrize(
     'value, form, words',
-    [(None, '%.2f', 'none'), (-0.0004, '%.3f', '0.000'), (-0.5, '%.1f', '-0.5'), (-0.0, '%.0f', '0'), (-10, '%.0f', '-10')],
+    [
+        (None, '%.2f', 'none'),
+        (-0.0004, '%.3f', '0.000'),
+        (-0.5, '%.1f', '-0.5'),
+        (-0.0, '%.0f', '0'),
+        (-10, '%.0f', '-10'),
+    ],
 )
 def test_figures(value: Any, form: str, words: str) -> None:
     assert node.figure(value, form) == words

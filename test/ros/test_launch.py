@@ -329,7 +329,9 @@ def test_a_replay_passes_its_arguments_on() -> None:
     assert param(config, '/duck1/replay_node/input') == 'raw'
 
 
-@pytest.mark.parametrize('name', [name for name in LAUNCH if name not in ('demo.launch', 'record.launch', 'simulation.launch')])
+@pytest.mark.parametrize(
+    'name', [name for name in LAUNCH if name not in ('demo.launch', 'record.launch', 'simulation.launch')]
+)
 def test_a_robot_never_gets_a_made_up_calibration_unasked(name: str) -> None:
     config = load_launch(name, veh='duck1')
     asked = [value.value for full, value in config.params.items() if full.endswith('/allow_default_calibration')]

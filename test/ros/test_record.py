@@ -2,12 +2,12 @@
 
 from __future__ import annotations  # the robot's pytest does not export its fixtures' types
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List
 
@@ -43,8 +43,8 @@ def master() -> Iterator[Dict[str, str]]:
         core.wait()
 
 
-@contextmanager
-def running(call: List[str], environment: Dict[str, str]) -> Iterator['subprocess.Popen[str]']:
+@contextlib.contextmanager
+def running(call: List[str], environment: Dict[str, str]) -> Iterator[subprocess.Popen[str]]:
     """A program that is asked to end as by Ctrl-C when the block is left, and has to."""
     process = subprocess.Popen(call, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
@@ -62,12 +62,12 @@ def files_in(folder: Path) -> List[Path]:
 
 
 def bytes_in(folder: Path) -> int:
-    """Of all files; one that is renamed or removed meanwhile is looked at again."""
-    while True:
-        try:
-            return sum(path.stat().st_size for path in files_in(folder))
-        except FileNotFoundError:
-            continue
+    """Of all files; one that is renamed or removed meanwhile counts for nothing."""
+    total = 0
+    for path in files_in(folder):
+        with contextlib.suppress(FileNotFoundError):
+            total += path.stat().st_size
+    return total
 
 
 @pytest.mark.parametrize('pictures', ['compressed', 'raw'])
@@ -112,7 +112,7 @@ def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeyp
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
     drive = ['simulation.launch', 'veh:=duck1', 'picture_rate:=10', 'scenario:=demo.yaml']
     drive[-1] = 'scenario:=' + os.path.join(record.tool.package_folder(), 'config/demo.yaml')
-    with (tmp_path / 'log.txt').open('wb') as log, launched(drive, log.fileno()) as graph:
+    with open(str(tmp_path / 'log.txt'), 'wb') as log, launched(drive, log.fileno()) as graph:
         call = ['roslaunch', '--wait', 'obst_avoid', 'record.launch', 'veh:=duck1', 'output:=drives', 'megabytes:=200']
         with running([*call, 'allow_default_calibration:=true'], {**graph.environment, 'PWD': str(tmp_path)}):
             wait_for(lambda: bytes_in(tmp_path / 'drives') > 1_500_000, 120.0, 'a recording')
@@ -150,16 +150,16 @@ def look_at(folder: Path, tmp_path: Path) -> None:
     call = ['visualizer.launch', 'veh:=duck1', 'rviz:=false', 'bag:=' + str(folder), 'rate:=4', 'loop:=true']
     with rosbag.Bag(str(folder / 'drive_0.bag')) as bag:
         begin, end = bag.get_start_time(), bag.get_end_time()
-    with (tmp_path / 'log.txt').open('wb') as log:
-        with launched([*call, 'calibration_dir:=' + str(folder / 'calibrations')], log.fileno()) as graph:
-            wait_for(lambda: rosgraph.is_master_online(graph.environment['ROS_MASTER_URI']), START, 'a master')
-            seen: List[float] = []
-            while seen == sorted(seen):  # until time has run backwards
-                ended = run_program([sys.executable, __file__, 'stamp'], START, graph.environment)
-                assert ended.code == 0 and len(seen) < 20, ended.output
-                stamp, now = (float(word) for word in ended.output.split()[-2:])
-                assert all(begin - 1 <= time <= end + 1 for time in (stamp, now))
-                seen.append(stamp)
+    call.append('calibration_dir:=' + str(folder / 'calibrations'))
+    with open(str(tmp_path / 'log.txt'), 'wb') as log, launched(call, log.fileno()) as graph:
+        wait_for(lambda: rosgraph.is_master_online(graph.environment['ROS_MASTER_URI']), START, 'a master')
+        seen: List[float] = []
+        while seen == sorted(seen):  # until time has run backwards
+            ended = run_program([sys.executable, __file__, 'stamp'], START, graph.environment)
+            assert ended.code == 0 and len(seen) < 20, ended.output
+            stamp, now = (float(word) for word in ended.output.split()[-2:])
+            assert all(begin - 1 <= time <= end + 1 for time in (stamp, now))
+            seen.append(stamp)
 
 
 def test_nothing_is_overwritten(tmp_path: Path, monkeypatch: Any) -> None:
@@ -231,7 +231,10 @@ def make_bag(folder: Path) -> str:
         (['nowhere.bag', '--vehicle', 'duck1'], 'nowhere.bag does not exist, expected a bag'),
         (['empty', '--vehicle', 'duck1'], 'empty has no bag, expected a folder that record made'),
         (['a.bag', '--vehicle', 'duck2'], 'a.bag has no pictures of duck2'),
-        (['a.bag', '--vehicle', 'duck1', '--input', 'raw'], 'a.bag has compressed pictures, expected input:=compressed'),
+        (
+            ['a.bag', '--vehicle', 'duck1', '--input', 'raw'],
+            'a.bag has compressed pictures, expected input:=compressed',
+        ),
     ],
 )
 def test_what_cannot_be_played(

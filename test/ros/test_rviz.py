@@ -19,7 +19,9 @@ from screen import MISSING, Screen
 
 from obst_avoid.offline.graph import launched
 
-pytestmark = pytest.mark.skipif(bool(MISSING), reason='not installed: %s, see deps/install desktop' % ', '.join(MISSING))
+pytestmark = pytest.mark.skipif(
+    bool(MISSING), reason='not installed: %s, see deps/install desktop' % ', '.join(MISSING)
+)
 
 START = 180.0
 """[s] of wall time for rviz to draw without a graphics card on a busy machine."""
@@ -60,7 +62,9 @@ def seen_at(point: Tuple[float, float, float], panel: Area) -> Tuple[float, floa
     back = np.array([math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch)])
     ahead = -back
     right = np.cross(ahead, (0, 0, 1)) / np.linalg.norm(np.cross(ahead, (0, 0, 1)))
-    x, y, z = (np.array(point) - focus - view['Distance'] * back) @ np.column_stack([right, np.cross(right, ahead), ahead])
+    x, y, z = (np.array(point) - focus - view['Distance'] * back) @ np.column_stack(
+        [right, np.cross(right, ahead), ahead]
+    )
     left, top, width, height = panel
     focal = height / 2 / math.tan(math.radians(22.5))
     return left + width / 2 + focal * x / z, top + height / 2 - focal * y / z
@@ -108,7 +112,7 @@ def what_is_missing(screen: Any, folder: Path) -> str:
     if min(camera[2], bird[2]) < 300:
         return 'panels of %d and %d pixels cannot be read' % (camera[2], bird[2])
     panel = central_panel(screen, min(camera[0], bird[0]))
-    for color, (x, y, z) in (('red', INSIDE), ('green', OUTSIDE)):
+    for color, (x, y, _) in (('red', INSIDE), ('green', OUTSIDE)):
         found = blob(screen, panel, color)
         u, v = seen_at((x, y, 0.03), panel)
         if found is None or found[2] < 60:
@@ -121,7 +125,9 @@ def what_is_missing(screen: Any, folder: Path) -> str:
 def central_panel(screen: Any, right: int) -> Area:
     """The 3D view: the rows and columns left of the pictures' panels where its background is."""
     content = yaml.safe_load((REPOSITORY / 'rviz' / 'obst_avoid.rviz').read_text())
-    red, green, blue = (int(part) for part in content['Visualization Manager']['Global Options']['Background Color'].split(';'))
+    red, green, blue = (
+        int(part) for part in content['Visualization Manager']['Global Options']['Background Color'].split(';')
+    )
     ground = (np.abs(screen[:, :right].astype(int) - (blue, green, red)) <= 3).all(axis=2)
     rows, columns = (np.flatnonzero(ground.mean(axis=axis) > 0.1) for axis in (1, 0))
     if not len(rows):
@@ -135,7 +141,7 @@ def test_markers_picture_and_bird_view_are_there_to_see(screen: Screen, tmp_path
     monkeypatch.setenv('XDG_RUNTIME_DIR', str(tmp_path))
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
     call = ['visualizer.launch', 'veh:=duck1', 'allow_default_calibration:=true', 'rviz:=true']
-    with (tmp_path / 'log.txt').open('wb') as log, launched(call, log.fileno()) as graph:
+    with open(str(tmp_path / 'log.txt'), 'wb') as log, launched(call, log.fileno()) as graph:
         scene = subprocess.Popen([sys.executable, __file__, str(tmp_path)], env=graph.environment)
         try:
             end = time.monotonic() + START

@@ -4,6 +4,8 @@ The bags are written by rosbag, whose place this program takes when everything e
 """
 
 import argparse
+import contextlib
+import itertools
 import os
 import shutil
 import sys
@@ -87,7 +89,9 @@ def main(arguments: Any = None) -> int:
         '--calibration', metavar='DIR', default='', help='folder with camera_intrinsic/ and camera_extrinsic/'
     )
     parser.add_argument('--default-calibration', action='store_true', help="without files, keep the package's own")
-    parser.add_argument('--input', choices=tuple(SPARE), default='compressed', help='which pictures (default: %(default)s)')
+    parser.add_argument(
+        '--input', choices=tuple(SPARE), default='compressed', help='which pictures (default: %(default)s)'
+    )
     parser.add_argument('--bag', metavar='FILE', help='only this one new bag, as large as it gets, instead of a folder')
     own = rospy.myargv(['record', *(sys.argv[1:] if arguments is None else arguments)])[1:]
     return tool.run(_main, parser, own)
@@ -136,13 +140,12 @@ def new_folder(output: str, veh: str) -> str:
     """Make a folder whose name has the time, and return its path. Raises OSError."""
     path = os.path.join(output, veh + time.strftime('_%Y-%m-%d_%H-%M-%S'))
     os.makedirs(output, exist_ok=True)
-    number = 1
-    while True:
-        try:
-            os.mkdir(path if number == 1 else '%s_%d' % (path, number))
-            return path if number == 1 else '%s_%d' % (path, number)
-        except FileExistsError:
-            number += 1
+    for number in itertools.count(2):
+        with contextlib.suppress(FileExistsError):
+            os.mkdir(path)
+            break
+        path = '%s_%d' % (path.rsplit('_', 1)[0] if number > 2 else path, number)
+    return path
 
 
 def _keep_calibration(options: argparse.Namespace, folder: str) -> None:
