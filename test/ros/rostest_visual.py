@@ -11,6 +11,7 @@ import numpy as np
 import rospy
 import rostest
 from cv_bridge import CvBridge
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, TransformStamped
 from helpers import (
     ANSWER,
@@ -86,6 +87,28 @@ class Visual(unittest.TestCase):
         markers = self.markers_of(inbox, INSIDE)
         self.assertEqual([(marker.ns, marker.id) for marker in markers if marker.action == Marker.DELETE], [gone])
         self.assertEqual(len([marker for marker in markers if marker.action == Marker.ADD]), 1)
+
+    def test_health_for_those_who_look(self) -> None:
+        wait_for(lambda: NODE not in subscribers_of('/diagnostics'), ANSWER, 'nobody looks, in another test')
+        inbox = Inbox(NODE + '/markers', MarkerArray).connected()
+        wait_for(lambda: NODE in subscribers_of('/diagnostics'), ANSWER, 'it listens to the nodes')
+        said = publisher('/diagnostics', DiagnosticArray)
+        line = DiagnosticStatus(
+            DiagnosticStatus.ERROR, 'duck1/obstacle_detection_node: state', 'no picture', 'duck1', []
+        )
+        said.publish(DiagnosticArray(status=[line]))
+
+        def text_with(words: str) -> Marker:
+            found = inbox.wait(lambda msg: [item for item in msg.markers if words in item.text], words)
+            return next(item for item in found.markers if words in item.text)
+
+        marker = text_with('detector: ERROR no picture')
+        self.assertEqual((marker.ns, marker.header.frame_id), ('health', 'duck1/footprint'))
+        self.assertIn('visualizer: ', marker.text)
+        self.assertIn('calibration: ', marker.text)
+        text_with('detector: SILENT for')
+        inbox.close()
+        wait_for(lambda: NODE not in subscribers_of('/diagnostics'), ANSWER, 'it looks away again')
 
     def test_pictures_for_those_who_look(self) -> None:
         wait_for(lambda: self.tell(INSIDE) and not subscribers_of(CAMERA), ANSWER, 'nobody looks, in another test')

@@ -3,13 +3,15 @@
 from __future__ import annotations  # the robot's pytest does not export its fixtures' types
 
 import re
-from typing import Any, Dict, Optional
+import shlex
+from typing import Any, Dict, List, Optional
 
 import pytest
 import rosgraph.names
 from helpers import REPOSITORY, load_launch
 
 from obst_avoid.core.settings import load
+from obst_avoid.offline.record import topics
 from obst_avoid.ros.car_cmd_guard_node import GuardNodeSettings
 from obst_avoid.ros.daffy_adapter_node import AdapterNodeSettings
 from obst_avoid.ros.lane_controller_node import ControllerNodeSettings
@@ -24,7 +26,8 @@ LAUNCH = sorted(path.name for path in (REPOSITORY / 'launch').glob('*.launch'))
 REASONABLE = {
     'obst_avoid.launch': [{}, {'lane_controller': 'true'}, {'input': 'raw', 'stage': 'stop_only', 'profile': 'paper'}],
     'daffy.launch': [{}, {'hard_stop': 'true', 'stage': 'stop_only', 'profile': 'paper'}],
-    'visualizer.launch': [{}, {'rviz': 'false', 'calibration_dir': '/calibrations'}],
+    'visualizer.launch': [{}, {'rviz': 'false', 'calibration_dir': '/calibrations'}, {'bag': 'a.bag', 'loop': 'true'}],
+    'record.launch': [{}, {'output': 'out', 'megabytes': '100', 'input': 'raw', 'allow_default_calibration': 'true'}],
     'replay.launch': [{'bag': '/a.bag'}, {'images': '/pictures', 'rviz': 'true'}, {'bag': 'a.bag', 'output': 'out'}],
     'simulation.launch': [{}, {'scenario': 'a.yaml', 'ends': 'true', 'input': 'raw'}, {'rviz': 'true', 'seed': '7'}],
     'demo.launch': [{}, {'bag': '/a.bag'}, {'scenario': '/a.yaml', 'rviz': 'true', 'stage': 'stop_only'}],
@@ -41,6 +44,9 @@ SETTINGS = {
     'replay_node': ReplaySettings,
     'simulator_node': SimulatorNodeSettings,
 }
+
+TOOLS = ('play', 'record')
+"""Programs that take arguments instead of parameters."""
 
 CONTRACT = {
     'obstacle_detection_node': {
@@ -172,7 +178,7 @@ def test_it_parses(name: str, arguments: Dict[str, str]) -> None:
 def test_each_node_is_given_all_its_settings_and_no_others(name: str, arguments: Dict[str, str]) -> None:
     config = load_launch(name, veh='duck1', **arguments)
     for full, node in nodes_of(config).items():
-        if node.package == 'obst_avoid':
+        if node.package == 'obst_avoid' and node.type not in TOOLS:
             settings = load(SETTINGS[node.type], private(config, full), full)
             assert settings.veh == 'duck1'
     known = tuple(full + '/' for full in nodes_of(config))
@@ -184,7 +190,7 @@ def test_each_node_is_given_all_its_settings_and_no_others(name: str, arguments:
 def test_names_lead_to_the_topics_of_the_contract(name: str, arguments: Dict[str, str]) -> None:
     config = load_launch(name, veh='duck1', **arguments)
     for node in config.nodes:
-        if node.package == 'obst_avoid':
+        if node.package == 'obst_avoid' and node.type not in TOOLS:
             wanted = {own: '/duck1/' + topic for own, topic in CONTRACT[node.type].items()}
             if name == 'replay.launch' and node.type in ('obstacle_detection_node', 'obstacle_avoidance_node'):
                 wanted['~car_cmd'] = '/duck1/replay_node/car_cmd'  # how the robot moved when it was recorded
@@ -246,14 +252,49 @@ def test_a_simulation_starts_the_whole_graph_on_simulated_time_and_ends_with_it(
     assert param(config, '/duck1/simulator_node/ends') is (name == 'demo.launch')
 
 
-def test_the_demo_records_what_the_report_reads() -> None:
-    recorder = nodes_of(load_launch('demo.launch', veh='duck1', bag='/a.bag'))['/duck1/recorder']
-    topics = {'/duck1/' + topic for topic in CONTRACT['simulator_node'].values()} - {'/duck1/camera_node/image'}
-    assert topics <= set(recorder.args.split())
-    assert '/duck1/obstacle_detection_node/posearray' in recorder.args.split()
-    assert '/duck1/obstacle_avoidance_node/markers' in recorder.args.split()
-    assert '-O /a.bag' in recorder.args
+def arguments_of(node: Any) -> List[str]:
+    """As roslaunch passes them."""
+    return shlex.split(node.args)
+
+
+def test_the_demo_records_into_one_bag() -> None:
+    recorder = nodes_of(load_launch('demo.launch', veh='duck1', bag='/a b.bag'))['/duck1/recorder']
+    assert (recorder.package, recorder.type) == ('obst_avoid', 'record')
+    assert arguments_of(recorder) == ['--vehicle', 'duck1', '--bag', '/a b.bag']
     assert '/duck1/recorder' not in nodes_of(load_launch('demo.launch', veh='duck1'))
+
+
+def test_what_is_recorded_is_what_the_report_reads() -> None:
+    found = topics('duck1', 'compressed')
+    simulated = {'/duck1/' + topic for topic in CONTRACT['simulator_node'].values()} - {'/duck1/camera_node/image'}
+    assert simulated <= set(found) and len(set(found)) == len(found)
+    for node, name in (('obstacle_detection_node', '~posearray'), ('obstacle_avoidance_node', '~markers')):
+        assert '/duck1/' + CONTRACT[node][name] in found
+    assert {'/diagnostics', '/rosout', '/tf_static'} <= set(found) and '/clock' not in found
+    raw = topics('duck1', 'raw')
+    assert set(found) ^ set(raw) == {'/duck1/camera_node/image', '/duck1/camera_node/image/compressed'}
+
+
+def test_record_passes_its_arguments_on_and_ends_with_the_recorder() -> None:
+    given = {'output': 'a b', 'megabytes': '100', 'calibration_dir': 'c', 'input': 'raw'}
+    node = nodes_of(load_launch('record.launch', veh='duck1', allow_default_calibration='true', **given))[
+        '/duck1/recorder'
+    ]
+    expected = '--vehicle duck1 --output "a b" --megabytes 100 --calibration c --input raw --default-calibration'
+    assert arguments_of(node) == shlex.split(expected) and node.required
+    plain = arguments_of(nodes_of(load_launch('record.launch', veh='007'))['/007/recorder'])
+    expected = '--vehicle 007 --output . --megabytes 2000 --calibration "" --input compressed'
+    assert plain == shlex.split(expected)
+
+
+def test_a_bag_is_played_to_the_visualizer_alone() -> None:
+    config = load_launch('visualizer.launch', veh='007', bag='a b.bag', rate='0.5', loop='true')
+    assert set(nodes_of(config)) == {'/007/obstacle_detection_visual_node', '/007/rviz', '/007/player'}
+    assert param(config, '/use_sim_time') is True
+    expected = '"a b.bag" --vehicle 007 --input compressed --rate 0.5 --loop'
+    assert arguments_of(nodes_of(config)['/007/player']) == shlex.split(expected)
+    assert '/use_sim_time' not in load_launch('visualizer.launch', veh='duck1').params
+    assert '--loop' not in nodes_of(load_launch('visualizer.launch', veh='duck1', bag='1'))['/duck1/player'].args
 
 
 def test_robots_do_not_run_on_simulated_time() -> None:
@@ -288,7 +329,9 @@ def test_a_replay_passes_its_arguments_on() -> None:
     assert param(config, '/duck1/replay_node/input') == 'raw'
 
 
-@pytest.mark.parametrize('name', [name for name in LAUNCH if name not in ('demo.launch', 'simulation.launch')])
+@pytest.mark.parametrize(
+    'name', [name for name in LAUNCH if name not in ('demo.launch', 'record.launch', 'simulation.launch')]
+)
 def test_a_robot_never_gets_a_made_up_calibration_unasked(name: str) -> None:
     config = load_launch(name, veh='duck1')
     asked = [value.value for full, value in config.params.items() if full.endswith('/allow_default_calibration')]
@@ -296,7 +339,7 @@ def test_a_robot_never_gets_a_made_up_calibration_unasked(name: str) -> None:
     assert not any(asked)
 
 
-@pytest.mark.parametrize('name', LAUNCH)
+@pytest.mark.parametrize('name', [name for name in LAUNCH if name != 'record.launch'])
 @pytest.mark.parametrize(
     ('given', 'wanted'),
     [

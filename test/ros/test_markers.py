@@ -19,6 +19,7 @@ from obst_avoid.ros import border
 from obst_avoid.ros.markers import (
     markers_from_decision,
     markers_from_obstacles,
+    reason_from_markers,
     state_from_markers,
     view_from_markers,
 )
@@ -52,6 +53,7 @@ def test_a_plan_comes_back(decision: Decision, view: View) -> None:
     msg = on_the_wire(markers_from_decision(decision, view, STAMP, FRAME))
     back = view_from_markers(msg)
     assert state_from_markers(msg) is decision.state
+    assert reason_from_markers(msg) == decision.reason.replace('\n', ' ')
     assert (back.region == view.region).all() and back.region.shape == view.region.shape
     assert (back.way == view.way).all() and back.way.shape == view.way.shape
     assert (back.deciding is None) == (view.deciding is None)

@@ -13,14 +13,18 @@ from hypothesis import strategies as st
 
 from obst_avoid.core.avoidance.corridor import View, view_of
 from obst_avoid.core.bird_view import BirdView, BirdViewSettings, bird_from_ground, footprint_box, make_bird_view
-from obst_avoid.core.types import Decision, LanePose, Obstacle, State
+from obst_avoid.core.types import Box, Decision, Kind, LanePose, Obstacle, State
 from obst_avoid.viz.overlay import (
+    GAP,
     STATE_COLORS,
     WAY,
+    banner,
     draw_on_bird_view,
     draw_on_picture,
     draw_plan_on_bird_view,
     draw_plan_on_picture,
+    headline,
+    placed,
 )
 from unit.cameras import Camera, calibration_of
 from unit.shipped import avoidance_settings
@@ -42,6 +46,46 @@ def test_a_remembered_obstacle_is_drawn_where_it_would_be_seen(x: float, drawn: 
     assert (draw_on_picture(picture, [remembered], VIEW) != picture).any() == drawn
     bird = np.full((VIEW.height, VIEW.width, 3), 90, dtype=np.uint8)
     draw_on_bird_view(bird, [remembered])  # a box below the bird view is no error
+
+
+boxes = st.builds(
+    lambda left, top, width, height: Box(left, top, left + width, top + height),
+    *(st.floats(-50, 700), st.floats(-50, 500), st.floats(1, 300), st.floats(1, 300)),
+)
+
+
+@given(st.lists(boxes, max_size=12), st.sampled_from([(320, 240), (640, 480), (1296, 972)]), st.sampled_from([0, 40]))
+def test_no_label_lies_on_another_or_leaves_the_picture(named: Any, frame: Tuple[int, int], free: int) -> None:
+    sizes = [(90 * frame[0] // 640 + 3 * i, 20 * frame[0] // 640) for i in range(len(named))]
+    areas = [(*at, at[0] + size[0], at[1] + size[1]) for at, size in zip(placed(sizes, named, frame, free), sizes)]
+    for index, (left, top, right, bottom) in enumerate(areas):
+        assert left >= 0 and top >= free and right <= frame[0] and bottom <= frame[1]
+        for other in areas[:index]:
+            assert right <= other[0] or other[2] <= left or bottom <= other[1] or other[3] <= top
+
+
+def test_a_label_that_is_alone_stands_above_its_box() -> None:
+    assert placed([(90, 20)], [Box(300, 200, 340, 240)], (640, 480)) == [(300, 180)]
+    assert placed([(90, 20)], [Box(600, 5, 640, 240)], (640, 480), free=30) == [(550, 30)]
+
+
+def test_where_there_is_no_room_labels_are_written_all_the_same() -> None:
+    assert placed([(90, 20)] * 3, [Box(0, 0, 9, 9)] * 3, (100, 25)) == [(0, 0)] * 3
+    crowd = [Obstacle(Kind.CONE, 0.5, 0.0, 0.03, True, image_box=Box(5, 5, 9, 9))] * 50
+    for shape in ((480, 640, 3), (12, 16, 3)):
+        draw_on_picture(np.full(shape, GREY, dtype=np.uint8), crowd, VIEW)
+
+
+@pytest.mark.parametrize('width, height', [(320, 240), (640, 480), (1296, 972)])
+def test_a_reason_that_is_too_long_for_a_line_goes_on_in_the_next(width: int, height: int) -> None:
+    picture = np.full((height, width, 3), GREY, dtype=np.uint8)
+    short, few = headline(picture, 'CLEAR')
+    long, rows = headline(picture, 'STOPPED: stopping: ' + 10 * 'obstacle ')
+    assert few < rows < height / 2
+    for drawn, of in ((short, few), (long, rows)):
+        assert (drawn[of:] == GREY).all() and (drawn[:of, 0] != GREY).all()
+        assert (drawn[:of, -GAP:] == drawn[0, 0]).all(), 'no letter is cut off'
+    assert (banner(picture, 'CLEAR')[: height - few] == GREY).all()
 
 
 def corridor(

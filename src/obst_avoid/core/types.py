@@ -120,6 +120,12 @@ class Decision:
         return self.state is not State.CLEAR
 
 
+def in_words(state: State, reason: str) -> str:
+    """A decision in one line for a person; a reason that begins with the state's own word does not say it twice."""
+    word, colon, rest = reason.partition(': ')
+    return '%s: %s' % (state.name, rest if colon and word.upper() == state.name else reason)
+
+
 @dataclass(frozen=True)
 class Command:
     """What the wheels shall do. v: [m/s] forward. omega: [rad/s] turning left."""

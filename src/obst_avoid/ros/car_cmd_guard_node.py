@@ -80,8 +80,9 @@ class GuardNode:
         if stopping:
             status.summary(node.ERROR, 'no command for %.1f s, told the wheels to stand' % silent)
         else:
-            status.summary(node.OK, 'no command yet' if silent is None else 'listening')
-        status.add('last command age [s]', 'none' if silent is None else '%.2f' % silent)
+            what = 'no command yet' if silent is None else 'the last command %.2f s ago' % silent
+            status.summary(node.OK, what + ('; stopped the wheels %d times' % stops if stops else ''))
+        status.add('command age [s]', node.figure(silent, '%.2f'))
         status.add('stops', stops)
 
 

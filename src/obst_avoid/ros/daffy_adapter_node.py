@@ -159,14 +159,15 @@ class AdapterNode:
             said, pose, reference = self._asked, self._pose, self._reference
         blind = said.pace is Pace.STAND and said.reason.startswith('stopping')
         status.summary(node.WARN if blind else node.OK, said.reason)
-        status.add('pace', said.pace.value)
-        status.add('d_ref [m]', '%.3f' % said.d_ref)
-        status.add('mode', self._mode or 'none')
-        status.add('lane poses per second', '%.1f' % self._rate.read())
-        status.add('the lane controller follows', self._is_followed())
+        status.add('lane poses [1/s]', '%.1f' % self._rate.read())
         now = border.nanoseconds(rospy.Time.now())
         for name, value in (('lane pose', pose), ('lane control', reference)):
-            status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))
+            status.add(name + ' age [s]', node.figure(None if value is None else age(value.stamp, now), '%.3f'))
+        status.add('last reason', said.reason)
+        status.add('pace', said.pace.value)
+        status.add('d_ref [m]', node.figure(said.d_ref, '%.3f'))
+        status.add('mode', self._mode or 'none')
+        status.add('the lane controller follows', 'yes' if self._is_followed() else 'no')
 
 
 def main() -> None:

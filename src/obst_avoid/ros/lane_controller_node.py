@@ -126,16 +126,18 @@ class ControllerNode:
         with self._lock:
             command, reason, lane, reference = self._command, self._reason, self._lane, self._reference
         blind = reason.startswith('stopping') and 'asked' not in reason
-        status.summary(node.WARN if blind else node.OK, reason)
-        status.add('lane poses per second', '%.1f' % self._rate.read())
+        numbers = reason, node.figure(command.v, '%.2f'), node.figure(command.omega, '%.2f')
+        status.summary(node.WARN if blind else node.OK, '%s; v %s m/s, omega %s rad/s' % numbers)
+        status.add('lane poses [1/s]', '%.1f' % self._rate.read())
         now = border.nanoseconds(rospy.Time.now())
         filtered, own = (None, None) if lane is None else (lane.filter_stamp, lane.own_stamp)
         said = None if reference is None else reference.stamp
         for name, stamp in (('lane pose', filtered), ('own lane pose', own), ('lane control', said)):
-            status.add(name + ' age [s]', 'none' if stamp is None else '%.3f' % age(stamp, now))
-        status.add('learned bend [1/m]', '%.2f' % self._learned)
-        status.add('v [m/s]', '%.2f' % command.v)
-        status.add('omega [rad/s]', '%.2f' % command.omega)
+            status.add(name + ' age [s]', node.figure(None if stamp is None else age(stamp, now), '%.3f'))
+        status.add('last reason', reason)
+        status.add('v [m/s]', node.figure(command.v, '%.2f'))
+        status.add('omega [rad/s]', node.figure(command.omega, '%.2f'))
+        status.add('learned bend [1/m]', node.figure(self._learned, '%.2f'))
 
 
 def main() -> None:

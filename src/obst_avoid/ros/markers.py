@@ -4,6 +4,7 @@ from typing import Any, Dict, Sequence
 
 import numpy as np
 import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -15,12 +16,18 @@ from obst_avoid.ros.border import BorderError, ros_time
 
 RED, GREEN = ColorRGBA(0.9, 0.1, 0.1, 0.9), ColorRGBA(0.1, 0.8, 0.2, 0.9)
 YELLOW, BLUE = ColorRGBA(1.0, 0.8, 0.0, 1.0), ColorRGBA(0.2, 0.5, 1.0, 1.0)
+PALE = ColorRGBA(0.75, 0.9, 0.75, 1.0)
+REASON_PLACE, REASON_LETTERS = (-0.1, 0.0, 0.0), 0.026
+HEALTH_PLACE, HEALTH_LETTERS = (-0.34, 0.0, 0.0), 0.016
+"""[m] Behind the robot, where no road is hidden, and the height of the letters."""
 HEIGHT = 0.06
 """[m] of an obstacle's cylinder; the detector does not measure heights."""
 RIM = 0.04
 """[m] that the disc under the obstacle that decides is wider than it."""
 LIFETIME = 1.0
 """[s] after which rviz drops a marker when its publisher died."""
+HEALTH_LIFETIME = 5.0
+"""[s] The same for what is said once a second."""
 STATE_COLOR = {State.CLEAR: GREEN, State.SLOWING: YELLOW, State.AVOIDING: YELLOW, State.STOPPED: RED, State.FAULT: RED}
 
 
@@ -47,8 +54,8 @@ def markers_from_decision(decision: Decision, view: View, stamp: int, frame_id: 
     region = _line(header, 'region', color, view.region)
     path = _line(header, 'path', BLUE, view.way)
     reason = _marker(header, 'reason', 0, Marker.TEXT_VIEW_FACING, color)
-    reason.pose.position = Point(-0.1, 0.0, 0.1)
-    reason.scale.z = 0.025
+    reason.pose.position = Point(*REASON_PLACE)
+    reason.scale.z = REASON_LETTERS
     reason.text = '%s\n%s' % (decision.state.name, decision.reason.replace(', ', ',\n'))
     if view.deciding is None:
         return MarkerArray([region, path, reason, _deleted(header, 'deciding', 0)])
@@ -58,6 +65,17 @@ def markers_from_decision(decision: Decision, view: View, stamp: int, frame_id: 
     deciding.pose.position = Point(x, y, 0.002)
     deciding.scale = Vector3(2 * radius + RIM, 2 * radius + RIM, 0.004)
     return MarkerArray([region, path, reason, deciding])
+
+
+def markers_from_health(words: str, level: int, frame_id: str) -> MarkerArray:
+    """How the nodes are, as text behind the robot, in the colour of the worst. level: as in DiagnosticStatus."""
+    color = RED if level >= DiagnosticStatus.ERROR else YELLOW if level == DiagnosticStatus.WARN else PALE
+    marker = _marker(Header(frame_id=frame_id), 'health', 0, Marker.TEXT_VIEW_FACING, color)  # stamp 0: always valid
+    marker.pose.position = Point(*HEALTH_PLACE)
+    marker.scale.z = HEALTH_LETTERS
+    marker.lifetime = rospy.Duration(HEALTH_LIFETIME)
+    marker.text = words
+    return MarkerArray([marker])
 
 
 def view_from_markers(msg: MarkerArray) -> View:
@@ -77,6 +95,11 @@ def state_from_markers(msg: MarkerArray) -> State:
     if name not in State.__members__:
         raise BorderError('the markers have state %r, expected one of: %s' % (name, ', '.join(State.__members__)))
     return State[name]
+
+
+def reason_from_markers(msg: MarkerArray) -> str:
+    """The inverse of markers_from_decision, as to the decision's reason, on one line. Raises BorderError."""
+    return ' '.join(_shown(msg)['reason'].text.split('\n')[1:])
 
 
 def _shown(msg: MarkerArray) -> Dict[str, Marker]:

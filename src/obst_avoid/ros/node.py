@@ -256,6 +256,14 @@ class Health:
         every(1.0, self._updater.force_update)
 
 
+def figure(value: Optional[float], form: str) -> str:
+    """A number for /diagnostics, 'none' where there is none; never -0.00."""
+    if value is None:
+        return 'none'
+    words = form % value
+    return words.lstrip('-') if not words.strip('-0.') else words
+
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 

@@ -17,7 +17,7 @@ from obst_avoid.core.avoidance.settings import AvoidanceSettings
 from obst_avoid.core.avoidance.shown import view_in_picture
 from obst_avoid.core.motion import remembered
 from obst_avoid.core.settings import text
-from obst_avoid.core.types import Decision, Stamped, State
+from obst_avoid.core.types import Decision, Stamped, State, in_words
 from obst_avoid.msg import LaneControl
 from obst_avoid.ros import border, node
 from obst_avoid.ros.live import LiveSettings
@@ -138,20 +138,21 @@ class AvoidanceNode:
             decision, inputs = self._decision, self._inputs
         now = border.nanoseconds(rospy.Time.now())
         faulty = decision.state is State.FAULT
-        status.summary(node.ERROR if faulty else node.OK, '%s: %s' % (decision.state.name, decision.reason))
-        status.add('stage', self._settings.stage)
-        status.add('obstacle lists per second', '%.1f' % self._rate.read())
+        status.summary(node.ERROR if faulty else node.OK, in_words(decision.state, decision.reason))
+        status.add('obstacle lists [1/s]', '%.1f' % self._rate.read())
         ages = (
             ('obstacle list', inputs.obstacles),
             ('lane pose', inputs.lane_pose),
             ('own lane pose', inputs.own_lane_pose),
         )
         for name, value in ages:
-            status.add(name + ' age [s]', 'none' if value is None else '%.3f' % age(value.stamp, now))
-        status.add('d_ref [m]', '%.3f' % decision.d_ref)
-        status.add('v_ref [m/s]', '%.2f' % decision.v_ref)
+            status.add(name + ' age [s]', node.figure(None if value is None else age(value.stamp, now), '%.3f'))
+        status.add('last reason', decision.reason)
+        status.add('stage', self._settings.stage)
+        status.add('d_ref [m]', node.figure(decision.d_ref, '%.3f'))
+        status.add('v_ref [m/s]', node.figure(decision.v_ref, '%.2f'))
         for name, number in decision.numbers.items():
-            status.add(name, '%.3f' % number)
+            status.add(name, node.figure(number, '%.3f'))
 
 
 def main() -> None:

@@ -102,7 +102,7 @@ class DetectionNode:
             self._lane_pose_publisher.publish(pose)
         self._publisher.publish(border.pose_array_from_obstacles(scene.obstacles, stamp, self._frame))
         self._milliseconds = 1e3 * (time.perf_counter() - begin)
-        self._reason = '%d obstacles, %d of them in the lane' % (
+        self._reason = '%d obstacles, %d in the lane' % (
             len(scene.obstacles),
             sum(obstacle.in_lane is not False for obstacle in scene.obstacles),
         )
@@ -160,15 +160,16 @@ class DetectionNode:
         elif seconds > self._settings.picture_age_limit:
             status.summary(node.WARN, 'picture %.2f s old, limit %.2f s' % (seconds, self._settings.picture_age_limit))
         else:
-            status.summary(node.OK, self._reason)
-        status.add('profile', self._settings.profile)
-        status.add('black levels', 'not used' if self._levels is None else '%s to %s' % self._levels)
-        status.add('calibration', self._detector.calibration.source)
-        status.add('pictures per second', '%.1f' % rate)
-        status.add('milliseconds per picture', '%.1f' % self._milliseconds)
-        status.add('picture age [s]', 'none' if seconds is None else '%.3f' % seconds)
+            numbers = rate, self._milliseconds, seconds, self._reason
+            status.summary(node.OK, '%.1f pictures/s, %.0f ms each, %.2f s old: %s' % numbers)
+        status.add('pictures [1/s]', '%.1f' % rate)
+        status.add('time per picture [ms]', '%.1f' % self._milliseconds)
+        status.add('picture age [s]', node.figure(seconds, '%.3f'))
         status.add('pictures dropped for newer ones', self._newest.dropped)
         status.add('last reason', self._reason)
+        status.add('calibration', self._detector.calibration.source)
+        status.add('profile', self._settings.profile)
+        status.add('black levels', 'not used' if self._levels is None else '%s to %s' % self._levels)
 
 
 def main() -> None:

@@ -1,17 +1,19 @@
 """obstacle_detection_visual_node: markers for rviz, the camera picture and the bird view with boxes, for a laptop.
 
-Pictures and the avoider's plan cross the network and are drawn only while somebody looks at the result.
+Pictures, the avoider's plan and /diagnostics cross the network and are drawn only while somebody looks at the result.
 """
 
 import collections
 import threading
+import time
 from dataclasses import dataclass
-from typing import Any, List, Optional, OrderedDict, Tuple, Union
+from typing import Any, Dict, List, Optional, OrderedDict, Tuple, Union
 
 import cv2
 import numpy as np
 import rospy
 import tf2_ros
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, Quaternion, TransformStamped, Vector3
 from sensor_msgs.msg import CompressedImage, Image
 from visualization_msgs.msg import MarkerArray
@@ -22,16 +24,33 @@ from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, wa
 from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
 from obst_avoid.core.picture import PictureError, encode_jpeg
 from obst_avoid.core.settings import choice, flag, group, text
-from obst_avoid.core.types import Array, Obstacle, State
+from obst_avoid.core.types import Array, Obstacle, State, in_words
 from obst_avoid.ros import border, node
-from obst_avoid.ros.markers import markers_from_obstacles, state_from_markers, view_from_markers
-from obst_avoid.viz.overlay import draw_on_bird_view, draw_on_picture, draw_plan_on_bird_view, draw_plan_on_picture
+from obst_avoid.ros.health import Heard, health_of, heard_of
+from obst_avoid.ros.markers import (
+    markers_from_health,
+    markers_from_obstacles,
+    reason_from_markers,
+    state_from_markers,
+    view_from_markers,
+)
+from obst_avoid.viz.overlay import (
+    STATE_COLORS,
+    draw_on_bird_view,
+    draw_on_picture,
+    draw_plan_on_bird_view,
+    draw_plan_on_picture,
+    headline,
+)
 
 KEPT = 60
 """Pictures and obstacle lists that wait for each other: 2 s at 30 Hz. Over a network either may come first."""
 
 PLAN_AGE_LIMIT = 0.3
 """[s] between a picture and a plan that is drawn on it."""
+
+HEALTH_PERIOD = 1.0
+"""[s] of wall time between two markers that say how the nodes are."""
 
 Waiting = OrderedDict[int, Any]
 
@@ -42,6 +61,7 @@ class Plan:
 
     stamp: int
     state: State
+    reason: str
     view: View
 
 
@@ -93,15 +113,18 @@ class VisualNode:
         self._stamp: Optional[int] = None
         self._plan: Optional[Plan] = None
         self._subscribers: List[rospy.Subscriber] = []
+        self._diagnostics: Optional[rospy.Subscriber] = None
+        self._heard: Dict[str, Heard] = {}
         self._shown = 0
         self._rate, self._reason = node.Rate(), 'nothing yet'
-        self._markers = rospy.Publisher('~markers', MarkerArray, queue_size=1)
+        self._markers = rospy.Publisher('~markers', MarkerArray, queue_size=5)  # two threads publish
         self._image = self._output('~image', Image, CompressedImage)
         self._bird = self._output('~bird_view', Image, CompressedImage)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform(camera_transform(self._calibration, self._frame, self._camera_frame))
         self._health = node.Health(settings.veh, self._diagnose)
         node.in_background(self._work)
+        node.every(HEALTH_PERIOD, self._show_health)
         rospy.Subscriber('~posearray', PoseArray, node.callback(self._on_obstacles), queue_size=1)
 
     @staticmethod
@@ -148,12 +171,12 @@ class VisualNode:
 
     def _on_plan(self, msg: MarkerArray) -> None:
         try:
-            state, view = state_from_markers(msg), view_from_markers(msg)
+            state, reason, view = state_from_markers(msg), reason_from_markers(msg), view_from_markers(msg)
         except border.BorderError as error:
             node.dropped('plan', error)
             return
         with self._lock:
-            self._plan = Plan(border.nanoseconds(msg.markers[0].header.stamp), state, view)
+            self._plan = Plan(border.nanoseconds(msg.markers[0].header.stamp), state, reason, view)
 
     def _wait(self, waiting: Waiting, stamp: int, value: Any) -> None:
         """Keep a picture or a list until its partner is there; then both go to the worker."""
@@ -185,21 +208,51 @@ class VisualNode:
         if plan is not None and abs(age(plan.stamp, stamp)) > PLAN_AGE_LIMIT:
             plan = None
         if self._image.wanted():
-            drawn = picture if plan is None else draw_plan_on_picture(picture, plan.view, plan.state, self._view)
-            self._image.publish(draw_on_picture(drawn, obstacles, self._view), stamp, self._camera_frame)
+            drawn, free = picture, 0
+            if plan is not None:
+                drawn = draw_plan_on_picture(picture, plan.view, plan.state, self._view)
+                drawn, free = headline(drawn, in_words(plan.state, plan.reason), STATE_COLORS[plan.state])
+            self._image.publish(draw_on_picture(drawn, obstacles, self._view, free), stamp, self._camera_frame)
         if self._bird.wanted():
             bird = warp(crop(picture, self._view), self._view)
             if plan is not None:
                 bird = draw_plan_on_bird_view(bird, plan.view, plan.state, self._view)
             self._bird.publish(draw_on_bird_view(bird, obstacles), stamp, self._frame)
 
+    def _show_health(self) -> None:
+        """Listen to /diagnostics while somebody looks at the markers, and say once a second how the nodes are."""
+        wanted = bool(self._markers.get_num_connections())
+        if wanted and self._diagnostics is None:
+            self._diagnostics = rospy.Subscriber('/diagnostics', DiagnosticArray, self._on_diagnostics, queue_size=50)
+        elif not wanted and self._diagnostics is not None:
+            self._diagnostics.unregister()
+            self._diagnostics = None
+            with self._lock:
+                self._heard = {}
+        if wanted:
+            with self._lock:
+                words, level = health_of(self._heard, time.monotonic())
+            self._markers.publish(markers_from_health(words, level, self._frame))
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        heard = heard_of(msg, self._settings.veh, time.monotonic())
+        with self._lock:
+            self._heard.update(heard)
+
     def _diagnose(self, status: Any) -> None:
         rate = self._rate.read()
-        status.summary(node.OK if rate else node.WARN, self._reason if rate else 'no obstacle list')
-        status.add('obstacle lists per second', '%.1f' % rate)
         seconds = None if self._stamp is None else age(self._stamp, border.nanoseconds(rospy.Time.now()))
-        status.add('obstacle list age [s]', 'none' if seconds is None else '%.3f' % seconds)
+        if rate and seconds is not None:
+            status.summary(node.OK, '%.1f lists/s, %.2f s old: %s' % (rate, seconds, self._reason))
+        else:
+            status.summary(node.WARN, 'no obstacle list: %s' % self._reason)
+        status.add('obstacle lists [1/s]', '%.1f' % rate)
+        status.add('obstacle list age [s]', node.figure(seconds, '%.3f'))
+        status.add('last reason', self._reason)
         status.add('calibration', self._calibration.source)
+        looked_at = [('markers', self._markers.get_num_connections() > 0)]
+        looked_at += [('picture', self._image.wanted()), ('bird view', self._bird.wanted())]
+        status.add('looked at', ', '.join(name for name, wanted in looked_at if wanted) or 'nothing')
 
 
 def camera_transform(calibration: Calibration, footprint: str, camera: str) -> TransformStamped:

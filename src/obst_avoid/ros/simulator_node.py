@@ -152,11 +152,13 @@ class SimulatorNode:
         }
         self._turn: Optional[str] = None
         self._next_turn = 0.0
+        self._pictures, self._told, self._last_latency = node.Rate(), (time.monotonic(), 0.0), 0.0
         self._turn_publisher = rospy.Publisher('~turn', String, queue_size=1, latch=True)
         self._latency = rospy.Publisher('~latency', Float32, queue_size=4)
         self._scenario = rospy.Publisher('~scenario', String, queue_size=1, latch=True)
         path = os.path.abspath(node.path_of_user(settings.scenario))
         self._scenario.publish(String(json.dumps({'file': path, 'seed': settings.seed})))
+        self._health = node.Health(settings.veh, self._diagnose)
         rospy.Subscriber('~car_cmd', messages.Twist2DStamped, self._answers.on_command, queue_size=1)
         rospy.Subscriber('~lane_control', LaneControl, self._answers.on_lane_control, queue_size=10)
         node.once(self._run)
@@ -275,6 +277,7 @@ class SimulatorNode:
         frame = border.camera_frame(self._settings.veh)
         self._camera_info.publish(border.camera_info_from_calibration(self._calibration, stamp, frame))
         self._answers.shows(stamp)
+        self._pictures.tick()
         if self._settings.input == 'compressed':
             msg = border.compressed_image_from_jpeg(worlds.jpeg(shown, self._place), stamp, frame)
         else:
@@ -297,7 +300,28 @@ class SimulatorNode:
             self._flag_class(header=Header(stamp=border.ros_time(stamp)), data=world.contact is not None)
         )
         for latency in self._answers.take_latencies():
+            self._last_latency = latency
             self._latency.publish(Float32(latency))
+
+    def _diagnose(self, status: Any) -> None:
+        wall, world = time.monotonic(), self._world
+        (told_wall, told), self._told = self._told, (wall, world.time)
+        factor, rate = (world.time - told) / max(wall - told_wall, 1e-3), self._pictures.read()
+        driven = node.figure(world.along - self._place.scenario.start, '%.2f')
+        numbers = driven, world.time, factor, rate
+        words = 'drove %s m in %.1f s, at %.2f of real time, %.1f pictures/s' % numbers
+        if world.contact is not None:
+            status.summary(node.ERROR, 'touched a %s; %s' % (world.contact.thing.sort, words))
+        else:
+            status.summary(node.OK if factor else node.WARN, words if world.time else 'waiting for the other nodes')
+        status.add('pictures [1/s]', '%.1f' % rate)
+        status.add('simulated seconds a second', '%.2f' % factor)
+        status.add('last answer took [ms]', '%.1f' % (1e3 * self._last_latency))
+        status.add('simulated time [s]', '%.2f' % world.time)
+        status.add('driven [m]', driven)
+        status.add('scenario', self._settings.scenario)
+        status.add('seed', self._settings.seed)
+        status.add('calibration', self._calibration.source)
 
 
 def main() -> None:

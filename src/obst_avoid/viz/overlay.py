@@ -1,7 +1,7 @@
 """Obstacles, and what the avoider makes of them, on the camera picture and on the bird view."""
 
 import math
-from typing import Callable, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -14,7 +14,13 @@ from obst_avoid.core.types import Array, Box, Obstacle, State
 INSIDE, OUTSIDE, UNKNOWN = (40, 40, 230), (60, 190, 60), (0, 165, 255)
 """BGR: red what counts, green what does not, as in rviz."""
 TEXT, SHADE = (255, 255, 255), (30, 30, 30)
+BRIGHT = 130
+"""[0 to 255] Luminance from which a ground is written on in SHADE instead of TEXT."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+LETTERS, SMALLEST = 0.5, 0.4
+"""OpenCV's size of letters in a picture 640 pixels wide, and the smallest that can be read."""
+GAP = 2
+"""[px] between letters and the edge of their ground, and between two labels."""
 STATE_COLORS = {
     State.CLEAR: (80, 160, 60), State.SLOWING: (0, 165, 255), State.AVOIDING: (200, 130, 30),
     State.STOPPED: (40, 40, 220), State.FAULT: (130, 50, 150),
@@ -31,36 +37,31 @@ SHIFT = 3
 """Bits of a pixel's fraction that OpenCV draws with."""
 
 
-def draw_on_picture(picture: Array, obstacles: Sequence[Obstacle], view: BirdView) -> Array:
-    """A copy of the camera picture, (H, W, 3) uint8, with a box and a label on each obstacle."""
+def draw_on_picture(picture: Array, obstacles: Sequence[Obstacle], view: BirdView, free: int = 0) -> Array:
+    """A copy of the camera picture, (H, W, 3) uint8, with a box and a label on each obstacle.
+
+    free: so many rows at the top are left free of labels.
+    """
     drawn = picture.copy()
-    unit = _unit(picture)
-    for obstacle in obstacles:
-        box = _picture_box(obstacle, view)
-        if box is None:
-            continue
-        color = _color(obstacle)
+    seen = [(obstacle, _picture_box(obstacle, view)) for obstacle in obstacles]
+    named = [(obstacle, box) for obstacle, box in seen if box is not None]
+    for obstacle, box in named:
         corners = ((round(box.left), round(box.top)), (round(box.right) - 1, round(box.bottom) - 1))
-        cv2.rectangle(drawn, corners[0], corners[1], color, max(1, round(2 * unit)))
-    for obstacle in obstacles:  # labels last, so that no box crosses them
-        box = _picture_box(obstacle, view)
-        if box is not None:
-            label(drawn, _words(obstacle), (box.left, box.top), _color(obstacle), 0.45 * unit)
+        cv2.rectangle(drawn, corners[0], corners[1], _color(obstacle), max(1, round(2 * _unit(picture))))
+    _label_all(drawn, named, LETTERS * _unit(picture), free)
     return drawn
 
 
 def draw_on_bird_view(bird: Array, obstacles: Sequence[Obstacle]) -> Array:
     """A copy of the bird view, (H, W, 3) uint8, with each obstacle's box, its foot, and a label."""
     drawn = bird.copy()
-    for obstacle in obstacles:
-        box = obstacle.bird_box
-        if box is None:
-            continue
+    named = [(obstacle, obstacle.bird_box) for obstacle in obstacles if obstacle.bird_box is not None]
+    for obstacle, box in named:
         color = _color(obstacle)
         left, top, right, bottom = (int(round(value)) for value in (box.left, box.top, box.right - 1, box.bottom - 1))
         cv2.rectangle(drawn, (left, top), (right, bottom), color, 1)
         cv2.circle(drawn, ((left + right) // 2, bottom), 3, color, -1)
-        label(drawn, _words(obstacle), (left, top), color, 0.4)
+    _label_all(drawn, named, LETTERS * _unit(bird), 0)
     return drawn
 
 
@@ -86,22 +87,58 @@ def draw_plan_on_bird_view(bird: Array, plan: View, state: State, view: BirdView
 
 def label(picture: Array, words: str, at: Tuple[float, float], color: Tuple[int, int, int], size: float) -> None:
     """Write words above a point, in place, on a filled ground so that they stay legible, inside the picture."""
-    words = _in_letters(words)
-    (width, height), base = cv2.getTextSize(words, FONT, size, 1)
-    left = int(min(max(at[0], 0), max(picture.shape[1] - width - 4, 0)))
-    bottom = int(min(max(at[1] - 2, height + base + 2), picture.shape[0] - 2))
-    cv2.rectangle(picture, (left, bottom - height - base - 2), (left + width + 4, bottom), color, -1)
-    cv2.putText(picture, words, (left + 2, bottom - base), FONT, size, TEXT, 1, cv2.LINE_AA)
+    width, height = _ground_of(words, size)
+    left = min(max(at[0], 0), max(picture.shape[1] - width, 0))
+    top = min(max(at[1] - height, 0), max(picture.shape[0] - height, 0))
+    _write(picture, words, (int(left), int(top)), color, size)
 
 
 def banner(picture: Array, words: str, color: Tuple[int, int, int] = SHADE) -> Array:
-    """A copy with one line of words along the lower edge."""
+    """A copy with words along the lower edge, in as many lines as they need."""
     drawn = picture.copy()
-    size = 0.5 * _unit(picture)
-    (_, height), base = cv2.getTextSize(words, FONT, size, 1)
-    cv2.rectangle(drawn, (0, drawn.shape[0] - height - base - 6), (drawn.shape[1], drawn.shape[0]), color, -1)
-    cv2.putText(drawn, words, (4, drawn.shape[0] - base - 3), FONT, size, TEXT, 1, cv2.LINE_AA)
+    lines, size, height = _lines_of(picture, words)
+    _strip(drawn, lines, drawn.shape[0] - height * len(lines), color, size)
     return drawn
+
+
+def headline(picture: Array, words: str, color: Tuple[int, int, int] = SHADE) -> Tuple[Array, int]:
+    """A copy with words along the upper edge, above the horizon where they hide least, and how many rows they take."""
+    drawn = picture.copy()
+    lines, size, height = _lines_of(picture, words)
+    _strip(drawn, lines, 0, color, size)
+    return drawn, min(height * len(lines), picture.shape[0])
+
+
+def placed(
+    sizes: Sequence[Tuple[int, int]], boxes: Sequence[Box], frame: Tuple[int, int], free: int = 0
+) -> List[Tuple[int, int]]:
+    """Left and top of each label, [px]: near what it names, inside the frame, and apart from all others while there is
+    room; rather not on another's box. The lowest box, which is the nearest thing, chooses first.
+
+    sizes: width and height of each label. boxes: what they name. frame: width and height of the picture. free: rows at
+    its top that are left free.
+    """
+    found = [(0, 0)] * len(sizes)
+    taken = np.empty((0, 4))
+    others = np.array([(box.left, box.top, box.right, box.bottom) for box in boxes]).reshape(-1, 4)
+    for index in sorted(range(len(sizes)), key=lambda i: -boxes[i].bottom):
+        (width, height), box = sizes[index], boxes[index]
+        limit = np.array([max(frame[0] - width, 0), max(frame[1] - height, free)])
+        rows = np.arange(0, max(frame[1], 1), height + GAP)
+        lefts = np.concatenate([box.left + np.arange(-2, 2.5, 0.5) * (width + GAP), [box.right - width]])
+        tops = np.concatenate([box.top - height - rows, box.bottom + rows])
+        near = np.array(np.meshgrid(lefts, tops)).reshape(2, -1).T
+        spread = np.arange(0, limit[0] + 1, max(width // 4, 1)), np.arange(free, limit[1] + 1, height + GAP)
+        anywhere = np.array(np.meshgrid(*spread)).reshape(2, -1).T
+        places = np.round(np.clip(np.concatenate([near, anywhere]), (0, free), limit))
+        areas = np.column_stack([places, places + (width, height)])
+        far = np.abs(places - (box.left, box.top - height)).sum(axis=1)
+        hidden = _common(areas, np.delete(others, index, axis=0)).sum(axis=1) / height
+        clash = (_common(areas, taken + (-GAP, -GAP, GAP, GAP)) > 0).any(axis=1)
+        best = int(np.argmin(far + hidden + 1e6 * clash))
+        found[index] = (int(places[best, 0]), int(places[best, 1]))
+        taken = np.vstack([taken, areas[best]])
+    return found
 
 
 def contact_sheet(panels: Sequence[Tuple[str, Array]], columns: int = 4, width: int = 320) -> Array:
@@ -241,6 +278,80 @@ def _fractions(pixels: Array) -> Array:
     """(N, 2) int32 as OpenCV draws with fractions of pixels; what is far outside stays outside."""
     rounded: Array = np.round(np.clip(pixels, -8000, 8000) * 2**SHIFT).astype(np.int32)
     return rounded
+
+
+def _label_all(drawn: Array, named: Sequence[Tuple[Obstacle, Box]], size: float, free: int) -> None:
+    """A label on each obstacle, in place, last of all, so that no box crosses them; one that had to move away from its
+    box is tied to it by a line.
+    """
+    size = max(size, SMALLEST)
+    sizes = [_ground_of(_words(obstacle), size) for obstacle, _ in named]
+    places = placed(sizes, [box for _, box in named], (drawn.shape[1], drawn.shape[0]), free)
+    for (obstacle, box), (left, top), (width, height) in zip(named, places, sizes):
+        middle = (left + width // 2, top + height // 2)
+        end = (
+            round(min(max(middle[0], box.left), box.right - 1)),
+            round(min(max(middle[1], box.top), box.bottom - 1)),
+        )
+        if max(abs(end[0] - middle[0]) - width / 2, abs(end[1] - middle[1]) - height / 2) > height / 2:
+            cv2.line(drawn, middle, end, _color(obstacle), max(1, round(2 * size)), cv2.LINE_AA)
+    for (obstacle, _), at in zip(named, places):
+        _write(drawn, _words(obstacle), at, _color(obstacle), size)
+
+
+def _common(areas: Array, others: Array) -> Array:
+    """(N, M) [px²] that areas (N, 4) and others (M, 4) share; both left, top, right, bottom."""
+    low = np.maximum(areas[:, np.newaxis, :2], others[np.newaxis, :, :2])
+    high = np.minimum(areas[:, np.newaxis, 2:], others[np.newaxis, :, 2:])
+    shared: Array = np.prod(np.maximum(high - low, 0), axis=2)
+    return shared
+
+
+def _ground_of(words: str, size: float) -> Tuple[int, int]:
+    """Width and height [px] of the ground on which words are written."""
+    (width, height), base = cv2.getTextSize(_in_letters(words), FONT, size, _thickness(size))
+    return width + 2 * GAP, height + base + GAP
+
+
+def _write(picture: Array, words: str, at: Tuple[int, int], color: Tuple[int, int, int], size: float) -> None:
+    """Words on a filled ground, in place. at: left and top of the ground."""
+    words, (width, height) = _in_letters(words), _ground_of(words, size)
+    base = cv2.getTextSize(words, FONT, size, _thickness(size))[1]
+    cv2.rectangle(picture, at, (at[0] + width - 1, at[1] + height - 1), color, -1)
+    foot = (at[0] + GAP, at[1] + height - base)
+    cv2.putText(picture, words, foot, FONT, size, _ink(color), _thickness(size), cv2.LINE_AA)
+
+
+def _lines_of(picture: Array, words: str) -> Tuple[List[str], float, int]:
+    """Words in lines that fit the picture's width, the size of the letters, and the height of a line [px]."""
+    size = max(LETTERS * _unit(picture), SMALLEST)
+    lines = ['']
+    for word in _in_letters(words).split():
+        longer = (lines[-1] + ' ' + word).strip()
+        if lines[-1] and _ground_of(longer, size)[0] + 2 * GAP > picture.shape[1]:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines, size, _ground_of('Ag', size)[1] + GAP
+
+
+def _strip(picture: Array, lines: Sequence[str], top: int, color: Tuple[int, int, int], size: float) -> None:
+    """Lines of words over the whole width, in place."""
+    height = _ground_of('Ag', size)[1] + GAP
+    cv2.rectangle(picture, (0, top), (picture.shape[1], top + height * len(lines) - 1), color, -1)
+    for index, line in enumerate(lines):
+        _write(picture, line, (GAP, top + height * index + GAP // 2), color, size)
+
+
+def _thickness(size: float) -> int:
+    """[px] of the letters' strokes."""
+    return max(1, round(1.6 * size))
+
+
+def _ink(ground: Tuple[int, int, int]) -> Tuple[int, int, int]:
+    """What can be read on a ground of a colour, BGR."""
+    blue, green, red = ground
+    return SHADE if 0.114 * blue + 0.587 * green + 0.299 * red > BRIGHT else TEXT
 
 
 def _in_letters(words: str) -> str:
