@@ -1,11 +1,12 @@
 """A long drive round the simulated town in the ROS graph: nothing may grow or slow down, and every stop has a cause."""
 
 import argparse
+import math
 import os
 import tempfile
 import threading
 import time
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Optional, Tuple
 from xmlrpc.client import ServerProxy
 
 import numpy as np
@@ -28,6 +29,8 @@ SETTLED = 20.0
 """[s] after which memory is read first."""
 LOOK = 2.0
 """[s] of wall time between two readings."""
+APPEARS = 1.2
+"""[m] ahead of the robot where each is set down: the way goes round the town again and again, past the same places."""
 NEAR = 0.6
 """[m] between robot and obstacle; a stop that begins farther from all of them has no cause."""
 GROWTH, SPARE = 1.05, 5.0
@@ -48,7 +51,14 @@ def scenario(minutes: float) -> Dict[str, Any]:
     goal = max(2.0, 60 * minutes * SPEED)
     alongs = np.arange(APART / 2, goal - 1, APART)
     things = [
-        {'sort': 'duckie', 'height': 0.06, 'along': float(along), 'left': 0.0, 'leaves_after_stop': 2.0}
+        {
+            'sort': 'duckie',
+            'height': 0.06,
+            'along': float(along),
+            'left': 0.0,
+            'appears_within': APPEARS,
+            'leaves_after_stop': 2.0,
+        }
         for along in alongs
     ]
     success = {**content['success'], 'goal': float(goal)}
@@ -56,10 +66,13 @@ def scenario(minutes: float) -> Dict[str, Any]:
 
 
 class Heard:
-    """What the graph says. stops: [m] to the nearest obstacle when each began. latencies: [ms] of each answer."""
+    """What the graph says. stops: [m] to the nearest obstacle when each began. latencies: [ms] of each answer. metres:
+    driven. decision: the last one, for a person.
+    """
 
     def __init__(self) -> None:
         import rospy
+        from geometry_msgs.msg import PoseStamped
         from std_msgs.msg import Float32
 
         from obst_avoid.msg import LaneControl
@@ -67,21 +80,31 @@ class Heard:
         self.stops: List[float] = []
         self.faults: List[str] = []
         self.latencies: List[float] = []
+        self.metres, self.decision = 0.0, 'none'
+        self._place: Optional[Tuple[float, float]] = None
         self._gap, self._before, self._answered = float('inf'), LaneControl.CLEAR, False
         self._stopped = LaneControl.STOPPED, LaneControl.FAULT
         self._lock = threading.Lock()
         rospy.Subscriber('/%s/simulator_node/truth/gap' % VEH, Float32, self._on_gap)
+        rospy.Subscriber('/%s/simulator_node/truth/pose' % VEH, PoseStamped, self._on_pose)
         rospy.Subscriber('/%s/simulator_node/latency' % VEH, Float32, self._on_latency)
         rospy.Subscriber('/%s/obstacle_avoidance_node/lane_control' % VEH, LaneControl, self._on_lane_control)
 
     def _on_gap(self, msg: Any) -> None:
         self._gap = msg.data
 
+    def _on_pose(self, msg: Any) -> None:
+        place = msg.pose.position.x, msg.pose.position.y
+        if self._place is not None:
+            self.metres += math.dist(place, self._place)
+        self._place = place
+
     def _on_latency(self, msg: Any) -> None:
         self.latencies.append(1e3 * msg.data)
 
     def _on_lane_control(self, msg: Any) -> None:
         with self._lock:
+            self.decision = 'state %d, %s' % (msg.state, msg.reason)
             stopped, fault = self._stopped
             self._answered = self._answered or msg.state not in self._stopped
             if self._answered and msg.state == stopped != self._before:
@@ -140,6 +163,8 @@ def _watched(process: Any, seconds: float) -> Dict[str, Any]:
         'memory at the end [MB]': memory[-1],
         'latency of the first quarter, p95 [ms]': round(float(np.percentile(first, 95)), 1),
         'latency of the last quarter, p95 [ms]': round(float(np.percentile(last, 95)), 1),
+        'metres': round(heard.metres, 1),
+        'decision at the end': heard.decision,
         'stops': len(heard.stops),
         'stops without a cause': sum(gap > NEAR for gap in heard.stops),
         'faults': heard.faults,
@@ -153,7 +178,8 @@ def judged(figures: Dict[str, Any]) -> List[str]:
         wrong.append('it ended after %.1f of %.1f minutes' % (figures['minutes'], figures['minutes asked for']))
     expected = int(60 * figures['minutes'] * SLOWEST / APART)
     if figures['stops'] < expected:
-        wrong.append('%d stops, expected at least %d' % (figures['stops'], expected))
+        place = 'on %.1f m, and at the end %s' % (figures['metres'], figures['decision at the end'])
+        wrong.append('%d stops, expected at least %d, %s' % (figures['stops'], expected, place))
     for name, before in figures['memory at the beginning [MB]'].items():
         after = figures['memory at the end [MB]'].get(name)
         if after is None:
