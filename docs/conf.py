@@ -10,7 +10,7 @@ import reference
 
 project = 'obst_avoid'
 author = 'The obst_avoid team'
-copyright = 'BSD-3-Clause, %s' % author  # noqa: A001 - Sphinx wants this name
+copyright = '%s, BSD-3-Clause' % author
 release = re.findall('<version>(.+)</version>', (reference.ROOT / 'package.xml').read_text())[0]
 
 extensions = ['myst_parser', 'sphinx_copybutton']
@@ -21,8 +21,8 @@ html_static_path = ['style']
 html_css_files = ['site.css']
 html_show_sphinx = False
 html_copy_source = False
-copybutton_selector = 'div.highlight-none pre, div.highlight-default pre, div.highlight-bash pre'
-highlight_language = 'none'
+copybutton_selector = 'div.highlight-none pre'
+highlight_language = 'none'  # of commands and formulae, which wrap; diagrams and output are ```text
 
 
 def _fill(app: Any, name: str, source: List[str]) -> None:

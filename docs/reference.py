@@ -13,10 +13,10 @@ import argparse
 import importlib
 import os
 import re
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 from unittest import mock
+from xml.etree import ElementTree
 
 import yaml
 
@@ -104,7 +104,7 @@ def launch(name: str) -> str:
 def tool(name: str) -> str:
     """What --help prints."""
     with mock.patch.dict(os.environ, COLUMNS='88'):
-        return '```\n%s```' % parser_of(name).format_help()
+        return '```text\n%s```' % parser_of(name).format_help()
 
 
 def parser_of(name: str) -> argparse.ArgumentParser:
@@ -140,7 +140,9 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _shown(value: Any) -> str:
     """A value as YAML writes it, where that is short."""
-    text = str(yaml.safe_dump(value, default_flow_style=True, width=10000, sort_keys=False)).replace('\n...', '').strip()
+    text = (
+        str(yaml.safe_dump(value, default_flow_style=True, width=10000, sort_keys=False)).replace('\n...', '').strip()
+    )
     return '`%s`' % text if len(text) <= LONGEST else 'see the file'
 
 
