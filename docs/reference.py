@@ -6,7 +6,7 @@ A line `<!-- KIND: NAME -->` of a page, which nobody sees on GitHub, becomes a t
     message: NAME                   one row a field, from the comments of msg/NAME.msg
     launch: NAME.launch             one row an argument, from its doc attribute
     tool: NAME                      what `NAME --help` prints
-    readme: HEADING                 that section of the README, without its heading
+    readme: HEADING                 that section of the README, without its heading, up to <!-- README only -->
 """
 
 import argparse
@@ -129,7 +129,7 @@ def readme(heading: str) -> str:
     sections = re.split('^## (.+)$', (ROOT / 'README.md').read_text(encoding='utf-8'), flags=re.MULTILINE)[1:]
     if heading not in sections[::2]:
         raise PageError('README.md has no section %s, expected one of: %s' % (heading, ', '.join(sections[::2])))
-    text = sections[2 * sections[::2].index(heading) + 1].strip()
+    text = sections[2 * sections[::2].index(heading) + 1].split('<!-- README only -->')[0].strip()
     return re.sub(r'\]\((?!http|#)', '](../', text).replace('](../docs/', '](')
 
 
