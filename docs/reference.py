@@ -92,6 +92,8 @@ def launch(name: str) -> str:
     about = re.search('<!--(.*?)-->', text, re.DOTALL)
     rows = []
     for argument in ElementTree.fromstring(text).findall('arg'):
+        if argument.get('value') is not None:  # the file's own, nobody can give it
+            continue
         if not argument.get('doc'):
             raise PageError('launch/%s: %s has no doc, expected what it is for' % (name, argument.get('name')))
         default = argument.get('default')

@@ -100,7 +100,8 @@ def why_no_launch(name: str, arguments: List[str]) -> Optional[str]:
     path = REPOSITORY / 'launch' / name
     if not path.is_file():
         return 'there is no launch/%s' % name
-    declared = {arg.get('name'): arg.get('default') for arg in ElementTree.parse(str(path)).getroot().findall('arg')}
+    args = ElementTree.parse(str(path)).getroot().findall('arg')
+    declared = {arg.get('name'): arg.get('default') for arg in args if arg.get('value') is None}
     given = {word.partition(':=')[0] for word in arguments if word != LEFT_OUT}
     missing = [arg for arg, default in declared.items() if default is None and arg not in given]
     unknown = sorted(given - set(declared))
