@@ -22,7 +22,9 @@ ENV VEHICLE_NAME=duckiebot
 # Calibrations and the graph come from the host: docker run --network host -v /data:/data -e VEHICLE_NAME=$(hostname) obst_avoid
 # Beside today's stack: -e LAUNCH=daffy.launch
 ENV LAUNCH=obst_avoid.launch
+# More arguments: -e ARGUMENTS='stage:=stop_only lane_controller:=true'
+ENV ARGUMENTS=
 CMD source /opt/ros/noetic/setup.bash \
  && if [ -f /code/catkin_ws/devel/setup.bash ]; then source /code/catkin_ws/devel/setup.bash; fi \
  && source /opt/obst_avoid/setup.bash --extend \
- && exec roslaunch --wait obst_avoid ${LAUNCH} veh:=${VEHICLE_NAME}
+ && exec roslaunch --wait obst_avoid ${LAUNCH} veh:=${VEHICLE_NAME} ${ARGUMENTS}
