@@ -9,7 +9,7 @@ from typing import Any, Iterator, List, Sequence
 
 import pytest
 from helpers import ANSWER, START, free_port, wait_for
-from selenium.common.exceptions import StaleElementReferenceException
+from selenium.common.exceptions import ElementNotInteractableException, StaleElementReferenceException
 from selenium.webdriver import Chrome
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -61,9 +61,17 @@ class Page:
 
     def enter(self, identity: str, value: Any) -> None:
         """A number, in place of the one before."""
-        field = self.browser.find_element('id', identity)
-        field.send_keys(Keys.CONTROL + 'a')
-        field.send_keys(str(value) + Keys.TAB)
+
+        def typed() -> bool:
+            field = self.browser.find_element('id', identity)
+            try:
+                field.send_keys(Keys.CONTROL + 'a')
+                field.send_keys(str(value) + Keys.TAB)
+            except ElementNotInteractableException:  # what was folded away is still coming up
+                return False
+            return True
+
+        wait_for(typed, ANSWER, 'a field to type in: %s' % identity)
 
     def choose(self, identity: str, word: str) -> None:
         """One of a list of words."""

@@ -2,11 +2,12 @@
 """Live tuning as people do it, with dynamic_reconfigure's own programs: what changes, what is refused, what stays."""
 
 import math
+import os
+import signal
 import sys
 import unittest
 from typing import Any, List
 
-import rosnode
 import rospy
 import rostest
 from dynamic_reconfigure.client import Client
@@ -43,7 +44,7 @@ class LiveTuning(unittest.TestCase):
         cls = type(self)
         if not hasattr(cls, 'clients'):
             cls.diagnostics = Diagnostics()
-            cls.log = Inbox('/rosout_agg', Log)
+            cls.log = Inbox('/rosout', Log)
             cls.clients = {node: Client(node, timeout=START) for node in (DETECTOR, AVOIDER, CONTROLLER)}
             cls.before = {node: client.get_configuration(ANSWER) for node, client in cls.clients.items()}
 
@@ -141,7 +142,7 @@ class LiveTuning(unittest.TestCase):
     def test_a_node_that_is_started_again_is_as_it_was_tuned(self) -> None:
         self.clients[AVOIDER].update_configuration({'stage': 'avoid_single'})
         process = process_of(AVOIDER)
-        rosnode.kill_nodes([AVOIDER])
+        os.kill(process, signal.SIGKILL)
 
         def another() -> bool:
             try:

@@ -220,7 +220,9 @@ class Page:
             else:
                 step = 1 if item.kind == 'int' else _step(item)
                 slider = ui.slider(min=item.low, max=item.high, step=step, value=value, on_change=changed)
-                number = ui.number(value=value, step=step, on_change=changed).props('dense').classes('w-24')
+                number = (
+                    ui.number(value=value, step=step, on_change=changed).props('dense debounce=300').classes('w-24')
+                )
                 controls = [slider.props('dense').classes('grow'), number]
             controls[-1].props('for=%s' % item.name)
         self._controls[item.name] = (item, controls)
