@@ -4,12 +4,17 @@ import shutil
 import socket
 import subprocess
 import tempfile
-from contextlib import contextmanager
-from typing import Any, Iterator, List, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, Callable, Iterator, List, Sequence
 
 import pytest
 from helpers import ANSWER, START, free_port, wait_for
-from selenium.common.exceptions import ElementNotInteractableException, StaleElementReferenceException
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    InvalidElementStateException,
+    NoSuchElementException,
+    StaleElementReferenceException,
+)
 from selenium.webdriver import Chrome
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -57,28 +62,43 @@ class Page:
 
     def click(self, identity: str) -> None:
         """A button."""
-        self.browser.find_element('id', identity).click()
+        self._until(lambda: self.browser.find_element('id', identity).click(), 'a button to click: %s' % identity)
 
     def enter(self, identity: str, value: Any) -> None:
         """A number, in place of the one before."""
 
-        def typed() -> bool:
+        def typed() -> None:
             field = self.browser.find_element('id', identity)
-            try:
-                field.send_keys(Keys.CONTROL + 'a')
-                field.send_keys(str(value) + Keys.TAB)
-            except ElementNotInteractableException:  # what was folded away is still coming up
-                return False
-            return True
+            field.send_keys(Keys.CONTROL + 'a')  # the key is released at the end of a call
+            field.send_keys(str(value) + Keys.TAB)
 
-        wait_for(typed, ANSWER, 'a field to type in: %s' % identity)
+        self._until(typed, 'a field to type in: %s' % identity)
 
     def choose(self, identity: str, word: str) -> None:
         """One of a list of words."""
-        self.browser.find_element('id', identity).click()
-        options = wait_for(lambda: self.browser.find_elements('css selector', '.q-menu .q-item'), ANSWER, 'the list')
-        next(option for option in options if option.text == word).click()
+        self.click(identity)
+        option = '//*[contains(@class, "q-menu")]//*[contains(@class, "q-item__label") and text()="%s"]' % word
+        self._until(lambda: self.browser.find_element('xpath', option).click(), '%s in the list' % word)
         wait_for(lambda: not self.browser.find_elements('css selector', '.q-menu'), ANSWER, 'the list is closed')
+
+    @staticmethod
+    def _until(act: Callable[[], None], what: str) -> None:
+        """Do it as soon as what it is done to is there: much of a page moves before it can be touched."""
+
+        def done() -> bool:
+            with suppress(InvalidElementStateException, NoSuchElementException, StaleElementReferenceException,
+                          ElementClickInterceptedException):  # fmt: skip
+                act()
+                return True
+            return False
+
+        wait_for(done, ANSWER, what)
+
+    def take_back(self) -> None:
+        """Click the first of what was changed, if anything was."""
+        if self.browser.find_elements('css selector', '#changes button'):
+            with suppress(NoSuchElementException, StaleElementReferenceException):
+                self.browser.find_element('css selector', '#changes button').click()
 
     def pictures(self) -> List[int]:
         """Widths [px] of the pictures that are shown and have come whole."""

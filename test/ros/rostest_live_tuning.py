@@ -104,11 +104,10 @@ class LiveTuning(unittest.TestCase):
         with Repeating(lambda: camera.publish(compressed_image(jpeg, rospy.Time.now()))):
             self.clients[DETECTOR].update_configuration({'profile': 'paper'})
             self.diagnostics.wait(DETECTOR, lambda line: value_of(line, 'profile') == 'paper', 'the profile')
-            duckie = [300.0, 0.06]
-            wait_for(lambda: all(self._near(poses) for poses in found()), ANSWER, 'the duckie, %s' % duckie)
+            wait_for(lambda: len(found()) == 3 and all(map(self._near, found())), ANSWER, 'the duckie')
             self.clients[DETECTOR].update_configuration({'paper_yellow_high_hue': 0, 'paper_yellow_low_hue': 0})
             self.assertEqual(rospy.get_param(DETECTOR + '/paper/yellow/high')[0], 0)
-            wait_for(lambda: not any(self._near(poses) for poses in found()), ANSWER, 'no yellow, no duckie')
+            lists.wait_new(lambda msg: not self._near(list(msg.poses)), 'no yellow, no duckie')
             self.assertFalse(rospy.has_param(DETECTOR + '/paper_yellow_high_hue'), 'settings stay as YAML has them')
 
     @staticmethod

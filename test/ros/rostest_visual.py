@@ -12,6 +12,7 @@ import rospy
 import rostest
 from cv_bridge import CvBridge
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from dynamic_reconfigure.msg import Config, DoubleParameter
 from geometry_msgs.msg import PoseArray, TransformStamped
 from helpers import (
     ANSWER,
@@ -36,6 +37,7 @@ from obst_avoid.ros.markers import markers_from_decision
 
 NODE = '/duck1/obstacle_detection_visual_node'
 CAMERA = '/duck1/camera_node/image/compressed'
+CROP = 'bird_view_crop_distance'
 PLAN = '/duck1/obstacle_avoidance_node/markers'
 INSIDE, OUTSIDE = (0.40, 0.03, 0.02), (0.50, -0.25, -0.03)
 """(x, y, z) on the wire."""
@@ -203,6 +205,27 @@ class Visual(unittest.TestCase):
         self.assertGreater(_changed(shown, plain), 50000)
         self.assertGreater(_changed(bird, bare), 500)
         self.assertGreater(int(shown[300, 250, 0]) - int(plain[300, 250, 0]), 10, 'in the blue of AVOIDING')
+
+    def test_the_bird_view_is_that_of_a_detector_that_is_tuned(self) -> None:
+        inbox = Inbox(NODE + '/bird_view', Image).connected()
+        self.addCleanup(inbox.close)
+        wait_for(lambda: self.tell(INSIDE) and subscribers_of(CAMERA) == [NODE], ANSWER, 'it looks at the camera')
+        camera = publisher(CAMERA, CompressedImage)
+        settings = publisher('/duck1/obstacle_detection_node/parameter_updates', Config)
+
+        def scale() -> int:
+            """Rows of the newest bird view: its width is always 640, so the farther it reaches the wider it is."""
+            stamp = self.tell(INSIDE)
+            camera.publish(compressed_image(jpeg_of(), stamp))
+            return int(inbox.wait(lambda msg: msg.header.stamp == stamp, 'a bird view').height)
+
+        before = scale()
+        self.addCleanup(lambda: settings.publish(Config(doubles=[DoubleParameter(CROP, 1.7)])))
+        settings.publish(Config(doubles=[DoubleParameter(CROP, 1.0)]))
+        wait_for(lambda: scale() != before, ANSWER, 'another bird view')
+        settings.publish(Config(doubles=[DoubleParameter(CROP, -1.0)]))
+        settings.publish(Config(doubles=[DoubleParameter(CROP, 1.7)]))
+        wait_for(lambda: scale() == before, ANSWER, 'the first one again')
 
     def number_up(self) -> None:
         type(self).number += 1

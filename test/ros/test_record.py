@@ -252,16 +252,15 @@ def test_a_bag_is_not_played_beside_the_robot(master: Dict[str, str], tmp_path: 
     camera = subprocess.Popen([sys.executable, __file__], env=master)
     try:
         call = ['rosrun', 'obst_avoid', 'play', make_bag(tmp_path), *ROBOT]
-        while True:  # the robot's camera may not be there yet
-            try:
+        ended = None
+        for _ in range(6):  # the robot's camera may not be there yet: then it plays
+            with contextlib.suppress(AssertionError):
                 ended = run_program(call, 10, master)
                 break
-            except AssertionError:
-                continue
     finally:
         camera.kill()
         camera.wait()
-    assert ended.code == 1
+    assert ended is not None and ended.code == 1
     assert 'publishes /duck1/camera_node/image/compressed, expected a ROS master without the robot' in ended.output
 
 

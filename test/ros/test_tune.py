@@ -11,7 +11,7 @@ import cv2
 import pytest
 import yaml
 from browser import Page, chromium, serving
-from helpers import ANSWER, REPOSITORY, SCENE, free_port, jpeg_of, picture_of, run_program, wait_for
+from helpers import ANSWER, REPOSITORY, SCENE, START, free_port, jpeg_of, picture_of, run_program, wait_for
 from unit.drawn import Scene
 
 from obst_avoid.core.settings import SettingsError
@@ -53,9 +53,10 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def page(browser: Any, address: str) -> Page:
-    """Opened anew; the settings are those that the test before left."""
+    """Opened anew, with what a test before may have changed taken back."""
     opened = Page(browser, address)
     opened.wait('after-found', 'Found')
+    wait_for(lambda: opened.take_back() or 'Nothing is changed' in opened.text('changes'), START, 'all taken back')
     return opened
 
 

@@ -6,7 +6,7 @@ Pictures, the avoider's plan and /diagnostics cross the network and are drawn on
 import collections
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Dict, List, Optional, OrderedDict, Tuple, Union
 
 import cv2
@@ -14,6 +14,7 @@ import numpy as np
 import rospy
 import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
+from dynamic_reconfigure.msg import Config
 from geometry_msgs.msg import PoseArray, Quaternion, TransformStamped, Vector3
 from sensor_msgs.msg import CompressedImage, Image
 from visualization_msgs.msg import MarkerArray
@@ -23,7 +24,7 @@ from obst_avoid.core.avoidance.corridor import View
 from obst_avoid.core.bird_view import BirdViewSettings, crop, make_bird_view, warp
 from obst_avoid.core.calibration import Calibration, CalibrationError, camera_from_robot, camera_position, scaled
 from obst_avoid.core.picture import PictureError, encode_jpeg
-from obst_avoid.core.settings import choice, flag, group, text
+from obst_avoid.core.settings import SettingsError, choice, flag, group, load, text
 from obst_avoid.core.types import Array, Obstacle, State, in_words
 from obst_avoid.ros import border, node
 from obst_avoid.ros.health import Heard, health_of, heard_of
@@ -45,6 +46,9 @@ from obst_avoid.viz.overlay import (
 
 KEPT = 60
 """Pictures and obstacle lists that wait for each other: 2 s at 30 Hz. Over a network either may come first."""
+
+CROP_DISTANCE = 'bird_view_crop_distance'
+"""Of the detector's live settings."""
 
 PLAN_AGE_LIMIT = 0.3
 """[s] between a picture and a plan that is drawn on it."""
@@ -103,7 +107,8 @@ class VisualNode:
         self._calibration = node.calibration_of(
             settings.veh, settings.calibration_dir, settings.allow_default_calibration
         )
-        self._view = make_bird_view(self._calibration, settings.bird_view)
+        self._bird_view = settings.bird_view
+        self._view = make_bird_view(self._calibration, self._bird_view)
         self._frame = border.footprint_frame(settings.veh)
         self._camera_frame = border.camera_frame(settings.veh)
         self._lock = threading.Lock()
@@ -125,6 +130,7 @@ class VisualNode:
         self._health = node.Health(settings.veh, self._diagnose)
         node.in_background(self._work)
         node.every(HEALTH_PERIOD, self._show_health)
+        rospy.Subscriber('~detector_settings', Config, self._on_detector_settings, queue_size=1)
         rospy.Subscriber('~posearray', PoseArray, node.callback(self._on_obstacles), queue_size=1)
 
     @staticmethod
@@ -148,6 +154,19 @@ class VisualNode:
         self._stamp = stamp
         self._reason = '%d obstacles' % len(obstacles)
         self._rate.tick()
+
+    def _on_detector_settings(self, msg: Config) -> None:
+        """Boxes are in pixels of the detector's bird view, which may be tuned while it runs."""
+        told = [item.value for item in msg.doubles if item.name == CROP_DISTANCE]
+        if not told or told[0] == self._bird_view.crop_distance:
+            return
+        try:
+            settings = load(BirdViewSettings, {**asdict(self._bird_view), 'crop_distance': told[0]}, rospy.get_name())
+            self._view = make_bird_view(self._view.calibration, settings)
+        except (SettingsError, CalibrationError) as error:
+            node.dropped('the settings of the detector', error)
+            return
+        self._bird_view = settings
 
     def _subscribe(self, wanted: bool) -> None:
         """Take pictures and plans over the network only while somebody looks."""
@@ -202,7 +221,7 @@ class VisualNode:
     def _draw(self, picture: Array, obstacles: List[Obstacle], stamp: int) -> None:
         height, width = picture.shape[:2]
         if (self._view.calibration.width, self._view.calibration.height) != (width, height):
-            self._view = make_bird_view(scaled(self._calibration, width, height), self._settings.bird_view)
+            self._view = make_bird_view(scaled(self._calibration, width, height), self._bird_view)
         with self._lock:
             plan = self._plan
         if plan is not None and abs(age(plan.stamp, stamp)) > PLAN_AGE_LIMIT:

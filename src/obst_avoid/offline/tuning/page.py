@@ -18,6 +18,7 @@ from obst_avoid.offline.tuning.result import Result, result_of
 from obst_avoid.offline.tuning.robot import Robot
 from obst_avoid.offline.tuning.settings import AVOIDER, CONTROLLER, DETECTOR, Tunable, Values
 from obst_avoid.offline.tuning.source import Pictures, picture_at, title_of
+from obst_avoid.ros.border import BorderError
 
 PERIOD = 0.2
 """[s] between two looks at whether something has changed: a slider that is dragged changes all the time."""
@@ -30,7 +31,7 @@ MOST_STEPS = 12
 """Of all profiles."""
 ROWS = 8
 """Of the table at a time."""
-ERRORS = (tool.ToolError, SettingsError, CalibrationError, PictureError, OSError)
+ERRORS = (tool.ToolError, SettingsError, CalibrationError, PictureError, BorderError, OSError)
 COLUMNS = [
     {'name': name, 'label': label, 'field': name, 'align': 'left'}
     for name, label in (
@@ -114,8 +115,8 @@ class Page:
         self._picture: Optional[Array] = None
         self._panels: Dict[str, List[Tuple[Any, Any, Any]]] = {side: [] for side in SIDES}
         self._results: Dict[str, Result] = {}
-        self._stale, self._hold, self._busy = True, False, False
-        self._controls: Dict[str, Tuple[Tunable, List[Any]]] = {}
+        self._stale, self._hold, self._busy, self._failed = True, False, False, False
+        self._controls: Dict[Tuple[str, str], List[Any]] = {}
 
     def build(self) -> None:
         """Lay everything out."""
@@ -190,7 +191,7 @@ class Page:
             start: self._build_group(title, [item for item in detector if item.name.startswith(start)])
             for start, title in GROUPS
         }
-        profile = self._controls['profile'][1][0]
+        profile = self._controls[DETECTOR, 'profile'][0]
         for name in PROFILES:  # those of the other one change nothing
             groups[name + '_'].bind_visibility_from(profile, 'value', value=name)
         self._build_group('Avoider', tuning.tunables(AVOIDER))
@@ -224,21 +225,22 @@ class Page:
                     ui.number(value=value, step=step, on_change=changed).props('dense debounce=300').classes('w-24')
                 )
                 controls = [slider.props('dense').classes('grow'), number]
-            controls[-1].props('for=%s' % item.name)
-        self._controls[item.name] = (item, controls)
+            controls[-1].props('for=%s' % (item.name if item.node != CONTROLLER else 'controller_' + item.name))
+        self._controls[item.node, item.name] = controls
 
     def _change(self, item: Tunable, value: Any) -> None:
         try:
             self._desk.change(item, value)
         except ERRORS as error:
             self._error.set_text('not changed: %s' % error)
+            self._show_value(item)
             return
         self._error.set_text('')
         self._show_value(item)
         self._stale = True
 
     def _show_value(self, item: Tunable) -> None:
-        for control in self._controls[item.name][1]:
+        for control in self._controls[item.node, item.name]:
             control.value = tuning.get(self._desk.after, item)
 
     def _show_changes(self) -> None:
@@ -264,22 +266,29 @@ class Page:
         self._stale, self._busy = False, True
         try:
             desk = self._desk
-            if self._picture is None:
-                self._picture = await run.io_bound(desk.picture)
+            picture, index = self._picture, desk.index
+            if picture is None:
+                picture = await run.io_bound(desk.picture)
+                if index != desk.index:  # another one was chosen meanwhile
+                    self._stale = True
+                    return
+                self._picture = picture
                 self._results.clear()
             for side, values in (('before', desk.before), ('after', desk.after)):
                 if side == 'before' and side in self._results:
                     continue
-                result = await run.io_bound(result_of, self._picture, desk.calibration, values)
+                result = await run.io_bound(result_of, picture, desk.calibration, values)
                 self._results[side] = result
                 self._draw(side, result)
             if desk.robot is not None:
                 self._shown['after', 'decision'].set_text('The robot: %s' % desk.robot.decision())
-            if self._error.text.startswith('no picture'):
+            if self._failed:
                 self._error.set_text('')
+            self._failed = False
             self._show_changes()
         except ERRORS as error:
-            self._error.set_text(str(error))
+            self._error.set_text(tool.why_os(error) if isinstance(error, OSError) else str(error))
+            self._failed = True
         finally:
             self._busy = False
 
