@@ -77,8 +77,15 @@ class Page:
     def choose(self, identity: str, word: str) -> None:
         """One of a list of words."""
         self.click(identity)
-        option = '//*[contains(@class, "q-menu")]//*[contains(@class, "q-item__label") and text()="%s"]' % word
-        self._until(lambda: self.browser.find_element('xpath', option).click(), '%s in the list' % word)
+
+        def click_option() -> None:
+            options = self.browser.find_elements('css selector', '.q-menu .q-item')
+            found = [option for option in options if option.text == word]
+            if not found:
+                raise NoSuchElementException(word)
+            found[0].click()
+
+        self._until(click_option, '%s in the list' % word)
         wait_for(lambda: not self.browser.find_elements('css selector', '.q-menu'), ANSWER, 'the list is closed')
 
     @staticmethod
