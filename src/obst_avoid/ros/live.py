@@ -12,7 +12,6 @@ from dynamic_reconfigure.server import Server
 from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.settings import SettingsError, load
 from obst_avoid.core.settings_text import changed, flat, value_at
-from obst_avoid.ros.messages import MessagesError
 
 S = TypeVar('S')
 
@@ -36,7 +35,7 @@ class LiveSettings(Server):  # type: ignore[misc]
             nested = changed(nested, self._paths[name], config[name])
         try:
             self._apply(load(self._class, nested, rospy.get_name()))
-        except (SettingsError, CalibrationError, MessagesError) as error:
+        except (SettingsError, CalibrationError) as error:
             rospy.logwarn('%s: not changed: %s', rospy.get_name(), error)
             config.update(self._flat())
             return config
