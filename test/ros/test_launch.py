@@ -89,6 +89,7 @@ CONTRACT = {
         '~image_in/compressed': 'camera_node/image/compressed',
         '~image_in': 'camera_node/image',
         '~plan': 'obstacle_avoidance_node/markers',
+        '~detector_settings': 'obstacle_detection_node/parameter_updates',
         '~markers': 'obstacle_detection_visual_node/markers',
         '~image': 'obstacle_detection_visual_node/image',
         '~bird_view': 'obstacle_detection_visual_node/bird_view',
