@@ -4,11 +4,13 @@ from __future__ import annotations  # the robot's pytest does not export its fix
 
 import re
 import shlex
+from pathlib import Path
 from typing import Any, Dict, List, Optional
 
 import pytest
 import rosgraph.names
 from helpers import REPOSITORY, load_launch
+from roslaunch.loader import LoadException
 
 from obst_avoid.core.settings import load
 from obst_avoid.offline.record import topics
@@ -310,6 +312,19 @@ def test_profile_and_stage_override_the_yaml_only_when_given(name: str) -> None:
     config = load_launch(name, veh='duck1', profile='paper', stage='stop_only')
     assert param(config, '/duck1/obstacle_detection_node/profile') == 'paper'
     assert param(config, '/duck1/obstacle_avoidance_node/stage') == 'stop_only'
+
+
+@pytest.mark.parametrize('name', [name for name in LAUNCH if name != 'record.launch'])
+def test_config_names_the_folder_of_all_settings(name: str, tmp_path: Path) -> None:
+    arguments = {**REASONABLE[name][-1], 'veh': 'duck1', 'config': str(tmp_path)}
+    with pytest.raises(LoadException, match=re.escape('file does not exist [%s/' % tmp_path)):
+        load_launch(name, **arguments)
+    for path in (REPOSITORY / 'config').glob('*.yaml'):
+        (tmp_path / path.name).write_text(path.read_text() + '\ncame_from: here\n')
+    config = load_launch(name, **arguments)
+    for full, node in nodes_of(config).items():
+        if node.type in SETTINGS and node.type != 'replay_node':
+            assert param(config, full + '/came_from') == 'here'
 
 
 def test_a_replay_passes_its_arguments_on() -> None:
