@@ -248,20 +248,29 @@ def test_what_cannot_be_played(
     assert words in sentence('play')
 
 
-def test_a_bag_is_not_played_beside_the_robot(master: Dict[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    'call',
+    [
+        ['visualizer.launch', 'veh:=duck1', 'bag:={bag}', 'rviz:=false', 'allow_default_calibration:=true'],
+        ['replay.launch', 'veh:=duck1', 'bag:={bag}', 'allow_default_calibration:=true'],
+        ['replay.launch', 'veh:=duck2', 'bag:={bag}', 'allow_default_calibration:=true'],
+        ['simulation.launch', 'veh:=duck2'],
+    ],
+)
+def test_nothing_is_played_or_simulated_beside_a_robot(master: Dict[str, str], tmp_path: Path, call: List[str]) -> None:
+    topic = '/duck1/camera_node/image/compressed'
+    state = rosgraph.Master('/test', master['ROS_MASTER_URI'])
     camera = subprocess.Popen([sys.executable, __file__], env=master)
     try:
-        call = ['rosrun', 'obst_avoid', 'play', make_bag(tmp_path), *ROBOT]
-        ended = None
-        for _ in range(6):  # the robot's camera may not be there yet: then it plays
-            with contextlib.suppress(AssertionError):
-                ended = run_program(call, 10, master)
-                break
+        wait_for(lambda: topic in dict(state.getSystemState()[0]), START, 'the robot')
+        bag = make_bag(tmp_path)
+        ended = run_program(['roslaunch', 'obst_avoid', *(word.format(bag=bag) for word in call)], 60, master)
     finally:
         camera.kill()
         camera.wait()
-    assert ended is not None and ended.code == 1
-    assert 'publishes /duck1/camera_node/image/compressed, expected a ROS master without the robot' in ended.output
+    sentence = '/camera publishes %s at %s, expected a ROS master without a robot' % (topic, master['ROS_MASTER_URI'])
+    assert sentence in ended.output, ended.output
+    assert not state.hasParam('/use_sim_time'), 'the robot has its own time'
 
 
 def show_pictures() -> None:

@@ -6,6 +6,7 @@ rosbag plays it, whose place this program takes. What moves wheels is not played
 import argparse
 import os
 import sys
+from contextlib import suppress
 from typing import Any, List, NoReturn
 
 import rosgraph
@@ -15,7 +16,8 @@ from obst_avoid.offline import tool
 from obst_avoid.offline.recording import CAMERA_INFO, JPEG, LANE_POSE, open_bag
 from obst_avoid.offline.recording import TOPICS as READ
 from obst_avoid.offline.tool import ToolError
-from obst_avoid.ros.node import path_of_user
+from obst_avoid.ros import alone
+from obst_avoid.ros.node import NodeError, path_of_user
 
 PLAYED = (
     READ[CAMERA_INFO],
@@ -44,10 +46,11 @@ def main(arguments: Any = None) -> int:
 
 
 def _rate(value: str) -> float:
-    number = float(value)
-    if not 0.01 <= number <= 100:
-        raise argparse.ArgumentTypeError('%s, expected 0.01 to 100 (recorded seconds a second)' % value)
-    return number
+    with suppress(ValueError):
+        number = float(value)
+        if 0.01 <= number <= 100:
+            return number
+    raise argparse.ArgumentTypeError('%s, expected 0.01 to 100 (recorded seconds a second)' % value)
 
 
 def _main(options: argparse.Namespace) -> NoReturn:
@@ -60,7 +63,10 @@ def _main(options: argparse.Namespace) -> NoReturn:
     if not rosgraph.is_master_online():
         raise ToolError('no ROS master at %s, expected one that runs' % rosgraph.get_master_uri())
     names = ['/%s/%s' % (options.vehicle, name) for name in (READ[found], *PLAYED)]
-    _refuse_a_live_robot(names)
+    try:
+        alone.require('/play', names)
+    except NodeError as error:
+        raise ToolError(str(error)) from error
     call = ['rosrun', 'rosbag', 'play', '--quiet', '--clock', '--delay=%g' % START_WAIT]
     call += ['--rate=%g' % options.rate, '--loop' if options.loop else '--keep-alive']  # the last picture stays
     call += ['clock:=/clock']  # rosbag has it in its own namespace
@@ -77,11 +83,3 @@ def bags_of(path: str) -> List[str]:
     if not bags:
         raise ToolError('%s has no bag, expected a folder that record made' % path)
     return bags
-
-
-def _refuse_a_live_robot(names: List[str]) -> None:
-    """A recording beside the robot itself would tell its avoider of obstacles that are not there."""
-    published = rosgraph.Master('/play').getSystemState()[0]
-    for topic, nodes in published:
-        if topic in names:
-            raise ToolError('%s publishes %s, expected a ROS master without the robot' % (nodes[0], topic))

@@ -111,10 +111,11 @@ def parts(megabytes: int, pictures: str) -> Tuple[int, int]:
 
 
 def _megabytes(value: str) -> int:
-    number = int(value)
-    if number < FEWEST:
-        raise argparse.ArgumentTypeError('%s, expected a whole number >= %d (MB)' % (value, FEWEST))
-    return number
+    with contextlib.suppress(ValueError):
+        number = int(value)
+        if number >= FEWEST:
+            return number
+    raise argparse.ArgumentTypeError('%s, expected a whole number >= %d (MB)' % (value, FEWEST))
 
 
 def _main(options: argparse.Namespace) -> NoReturn:
