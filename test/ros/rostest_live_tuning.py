@@ -150,6 +150,7 @@ class LiveTuning(unittest.TestCase):
                 return False
 
         wait_for(another, START, 'another process')
+        rospy.wait_for_service(AVOIDER + '/set_parameters', START)
         self.diagnostics.wait(AVOIDER, lambda line: value_of(line, 'stage') == 'avoid_single', 'the stage')
 
 

@@ -139,6 +139,9 @@ def test_other_settings_take_effect_and_nothing_seen_is_lost(
     for number in range(8):
         scene, detector = detect(detector, picture, number * 33 * MS)
     assert kinds_of(scene) == ['duckie']
+    view = detector.view
+    detector = tuned(detector, replace(detection_settings, robust=replace(detection_settings.robust, confidence=0.5)))
+    assert detector.view is view, 'not made anew for nothing: that takes longer than a picture'
     bird_view = replace(detection_settings.bird_view, crop_distance=1.2)
     detector = tuned(detector, replace(detection_settings, bird_view=bird_view))
     assert detector.view.x_top == pytest.approx(1.2, abs=0.05)

@@ -12,6 +12,7 @@ from dynamic_reconfigure.server import Server
 from obst_avoid.core.calibration import CalibrationError
 from obst_avoid.core.settings import SettingsError, load
 from obst_avoid.core.settings_text import changed, flat, value_at
+from obst_avoid.ros.node import UNREACHABLE
 
 S = TypeVar('S')
 
@@ -25,7 +26,7 @@ class LiveSettings(Server):  # type: ignore[misc]
         """
         self._class, self._apply = settings, apply
         self._nested: Dict[str, Any] = rospy.get_param('~', {})
-        self._written = self._nested
+        self._written = dict(self._nested)
         self._paths = flat(self._nested)
         super().__init__(config, self._on_change)
 
@@ -58,8 +59,11 @@ class LiveSettings(Server):  # type: ignore[misc]
         """So that a node that is started again goes on as it was tuned."""
         for top, value in self._nested.items():
             if value != self._written[top]:
-                rospy.set_param('~' + top, value)
-        self._written = self._nested
+                try:
+                    rospy.set_param('~' + top, value)
+                    self._written[top] = value
+                except UNREACHABLE as error:  # the change itself holds
+                    rospy.logwarn('%s: %s is lost when the node ends: %s', rospy.get_name(), top, error)
 
     def _clamp(self, config: Any) -> None:
         """A value out of range is refused with a sentence, not changed to another one in silence."""

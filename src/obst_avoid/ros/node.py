@@ -31,6 +31,8 @@ MASTER_PERIOD = 1.0
 """[s] of wall time between two looks at the master."""
 LOOKS = 10
 """Looks at the master between two at the parameters, which live tuning may have changed."""
+UNREACHABLE = (OSError, rosgraph.MasterException, HTTPException, XmlrpcError, ExpatError)
+"""What a call of the master raises when there is none, or no more."""
 
 S = TypeVar('S')
 T = TypeVar('T')
@@ -159,16 +161,17 @@ class MasterWatch:
     def look(self) -> None:
         """Once every MASTER_PERIOD."""
         try:
-            self._missing = 0 if self._is_known() else self._missing + 1
             self._looks += 1
-            if self._missing == 0 and self._looks % LOOKS == 0:
-                self._parameters.update(self._read())
+            read = self._read() if self._looks % LOOKS == 0 else {}
+            self._missing = 0 if self._is_known() else self._missing + 1
+            if self._missing == 0:  # only now: what was read may have been a new master's
+                self._parameters.update(read)
             if self._missing < 2 or ending():  # one may be a look at a node that is just beginning, or ending
                 return
             for name, value in self._parameters.items():
                 if not self._master.hasParam(name):
                     self._master.setParam(name, value)
-        except (OSError, rosgraph.MasterException, HTTPException, XmlrpcError, ExpatError):  # there is none, or no more
+        except UNREACHABLE:
             return
         raise NodeError('the master was restarted, ending to be started again')
 

@@ -75,7 +75,7 @@ class DetectionNode:
 
     def _tune(self, settings: DetectionNodeSettings) -> None:
         """Settings that fit no camera are refused here; the worker takes the others up with its next picture."""
-        detection.start(self._detector.view.calibration, settings)  # of the size that pictures have
+        detection.tuned(self._detector, settings)
         self._settings = settings
 
     def _work(self) -> None:

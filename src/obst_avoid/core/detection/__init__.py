@@ -45,6 +45,8 @@ def tuned(detector: Detector, settings: DetectionSettings) -> Detector:
 
     Raises what start does.
     """
+    if (settings.profile, settings.bird_view) == (detector.settings.profile, detector.settings.bird_view):
+        return replace(detector, settings=settings)
     fresh = start(detector.view.calibration, settings)
     if settings.profile != detector.settings.profile:
         return replace(fresh, calibration=detector.calibration)
