@@ -5,7 +5,7 @@ import socket
 import subprocess
 import tempfile
 from contextlib import contextmanager, suppress
-from typing import Any, Callable, Iterator, List, Sequence
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
 
 import pytest
 from helpers import ANSWER, START, free_port, wait_for
@@ -15,7 +15,7 @@ from selenium.common.exceptions import (
     NoSuchElementException,
     StaleElementReferenceException,
 )
-from selenium.webdriver import Chrome
+from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.keys import Keys
@@ -107,19 +107,31 @@ class Page:
             with suppress(NoSuchElementException, StaleElementReferenceException):
                 self.browser.find_element('css selector', '#changes button').click()
 
+    def drag(self, identity: str, pixels: Sequence[int]) -> None:
+        """The slider beside a field, by so many pixels to the right, one move after the other."""
+        field = self.browser.find_element('id', identity)
+        thumb = field.find_element('xpath', 'ancestor::*[.//*[@role="slider"]][1]//*[@role="slider"]')
+        actions = ActionChains(self.browser).click_and_hold(thumb)
+        for step in pixels:
+            actions = actions.move_by_offset(step, 0).pause(0.2)
+        actions.release().perform()
+
     def pictures(self) -> List[int]:
         """Widths [px] of the pictures that are shown and have come whole."""
-        script = "return [...document.querySelectorAll('img')].map(i => i.complete ? i.naturalWidth : 0)"
+        script = """return [...document.querySelectorAll('img')].filter(i => i.offsetParent)
+            .map(i => i.complete ? i.naturalWidth : 0)"""
         return [width for width in self.browser.execute_script(script) if width]
 
 
 @contextmanager
-def serving(call: Sequence[str], port: int) -> Iterator['subprocess.Popen[bytes]']:
+def serving(
+    call: Sequence[str], port: int, environment: Optional[Dict[str, str]] = None
+) -> Iterator['subprocess.Popen[bytes]']:
     """A program that serves a page, until the block is left; it is asked to end as by Ctrl-C, and must."""
     import signal
 
     with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(list(call), stdout=log, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(list(call), stdout=log, stderr=subprocess.STDOUT, env=environment)
         try:
 
             def answers() -> bool:

@@ -21,7 +21,7 @@ GOOD: Dict[str, Any] = {
     'memory at the end [MB]': {'a': 105.0},
     'latency of the first quarter, p95 [ms]': 20.0,
     'latency of the last quarter, p95 [ms]': 25.0,
-    'stops without a cause': 0,
+    'stops without a cause': [],
     'faults': [],
 }
 
@@ -35,7 +35,7 @@ GOOD: Dict[str, Any] = {
         ({'memory at the end [MB]': {}}, 'a is gone'),
         ({'minutes': 12.0}, 'it ended after 12.0 of 20.0 minutes'),
         ({'stops': 3}, '3 stops, expected at least 10, on 150.0 m, and at the end state 0, clear'),
-        ({'stops without a cause': 2}, '2 stops without a cause'),
+        ({'stops without a cause': ['after 3.1 m: why', 'x']}, '2 stops without a cause: after 3.1 m: why'),
         ({'faults': ['stopping: no lane pose yet']}, '1 faults: stopping: no lane pose yet'),
     ],
 )

@@ -4,18 +4,33 @@ from __future__ import annotations  # the robot's pytest does not export its fix
 
 import shutil
 import subprocess
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Iterator, List
+from typing import Any, Dict, Iterator, List, NamedTuple
 
 import cv2
+import psutil
 import pytest
+import rosgraph
 import yaml
 from browser import Page, chromium, serving
-from helpers import ANSWER, REPOSITORY, SCENE, START, free_port, jpeg_of, picture_of, run_program, wait_for
+from helpers import (
+    ANSWER,
+    REPOSITORY,
+    SCENE,
+    START,
+    free_port,
+    jpeg_of,
+    load_launch,
+    picture_of,
+    run_program,
+    wait_for,
+)
 from unit.drawn import Scene
 
 from obst_avoid.core.settings import SettingsError
 from obst_avoid.offline import tool
+from obst_avoid.offline.graph import MARK, launched
 from obst_avoid.offline.tuning import settings as tuning
 from obst_avoid.offline.tuning.result import result_of
 from obst_avoid.offline.tuning.source import open_pictures, picture_at
@@ -156,6 +171,124 @@ class TestPage:
                 if state == '0A' and int(local.split(':')[1], 16) == port:
                     listening.append(local.split(':')[0])
         assert listening == ['0100007F'], '127.0.0.1 alone'
+
+
+class Running(NamedTuple):
+    """A simulated robot, and the page over it. master: as seen by the tests. words: file of what the nodes said."""
+
+    address: str
+    environment: Dict[str, str]
+    master: rosgraph.Master
+    words: Path
+
+    def parameter(self, name: str) -> Any:
+        return self.master.getParam('/duck1/' + name)
+
+    def said(self, words: str) -> List[str]:
+        """Lines of the nodes with these words."""
+        return [line for line in self.words.read_text(errors='replace').splitlines() if words in line]
+
+
+@pytest.fixture(scope='module')
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    folder, port = tmp_path_factory.mktemp('robot'), free_port()
+    words, output = folder / 'nodes.txt', str(folder / 'mine')
+    call = ['rosrun', 'obst_avoid', 'tune', '--robot', 'duck1', '--port', str(port), '--output', output]
+    with words.open('w') as log, launched(
+        ['simulation.launch', 'veh:=duck1', 'picture_rate:=5'], log.fileno()
+    ) as graph:
+        master = rosgraph.Master('/test', graph.environment['ROS_MASTER_URI'])
+        for node in tuning.NODES:
+            wait_for(lambda node=node: _serves(master, '/duck1/%s/set_parameters' % node), START, node)
+        with serving(call, port, graph.environment):
+            yield Running('http://127.0.0.1:%d' % port, graph.environment, master, words)
+
+
+def _serves(master: rosgraph.Master, service: str) -> bool:
+    with suppress(OSError, rosgraph.MasterException):
+        master.lookupService(service)
+        return True
+    return False
+
+
+class TestRobot:
+    @pytest.fixture
+    def page(self, browser: Any, running: Running) -> Page:
+        opened = Page(browser, running.address)
+        opened.wait('after-decision', 'The robot: ')
+        return opened
+
+    def test_what_it_sees_and_decides(self, page: Page) -> None:
+        page.wait('before-found', 'Found')
+        assert page.text('calibration').endswith('config/calibrations/camera_extrinsic/default.yaml')
+        wait_for(lambda: len(page.pictures()) == 24, ANSWER, 'eleven steps and the plan, twice')
+
+    def test_a_number_reaches_the_one_node_that_it_belongs_to(self, page: Page, running: Running) -> None:
+        for name, node, value in (
+            ('cruise_speed', tuning.AVOIDER, 0.1),
+            ('controller_cruise_speed', tuning.CONTROLLER, 0.15),
+            ('robust_confidence', tuning.DETECTOR, 0.7),
+        ):
+            own = name.replace('controller_', '').replace('robust_', 'robust/')
+            before = {other: running.parameter(other) for other in tuning.NODES}
+            page.enter(name, value)
+            wait_for(
+                lambda own=own, node=node, value=value: running.parameter('%s/%s' % (node, own)) == value, ANSWER, name
+            )
+            after = {other: running.parameter(other) for other in tuning.NODES}
+            assert [other for other in before if before[other] != after[other]] == [node]
+            page.wait('changes', '→ %s' % value)
+            assert page.text('error') == ''
+
+    def test_a_slider_that_is_dragged_is_sent_once(self, page: Page, running: Running) -> None:
+        before = len(running.said('stop_distance is'))
+        page.drag('stop_distance', [5, 5, 5, 5, 5, 5])
+        page.wait('changes', 'stop_distance 0.34')
+        after = running.said('stop_distance is')
+        assert len(after) == before + 1, after
+        assert running.parameter(tuning.AVOIDER + '/stop_distance') > 0.34
+
+    def test_what_the_node_would_not_start_with_is_not_sent(self, page: Page, running: Running) -> None:
+        before = running.parameter(tuning.AVOIDER + '/margin')
+        page.enter('margin', -1)
+        page.wait('error', 'not changed: obstacle_avoidance_node/margin = -1')
+        assert running.parameter(tuning.AVOIDER + '/margin') == before
+
+    def test_a_camera_that_stops_leaves_no_old_pictures(self, page: Page, running: Running) -> None:
+        wait_for(page.pictures, ANSWER, 'pictures')
+        camera = _process(running, 'simulator_node')
+        camera.suspend()
+        try:
+            page.wait('error', 'no picture of duck1 for ')
+            assert page.pictures() == []
+            assert page.text('after-found') == page.text('after-decision') == ''
+        finally:
+            camera.resume()
+        page.wait('after-found', 'Found')
+        wait_for(lambda: page.text('error') == '', ANSWER, 'all is well again')
+
+    def test_what_is_saved_starts_a_robot(self, page: Page, running: Running) -> None:
+        page.click('save')
+        files = running.words.with_name('mine')
+        wait_for(lambda: page.text('error') or (files / 'simulation.yaml').is_file(), ANSWER, 'the files')
+        assert page.text('error') == ''
+        config = load_launch('obst_avoid.launch', veh='duck1', config=str(files))
+        for name, own in (
+            ('cruise_speed', 'obstacle_avoidance_node'),
+            ('confidence', 'obstacle_detection_node/robust'),
+        ):
+            parameter = '%s/%s' % (own, name)
+            assert config.params['/duck1/' + parameter].value == running.parameter(parameter)
+
+
+def _process(running: Running, node: str) -> psutil.Process:
+    """Of a node in that graph."""
+    mark = running.environment[MARK]
+    return next(
+        process
+        for process in psutil.process_iter(['cmdline'])
+        if '__name:=' + node in (process.info['cmdline'] or []) and process.environ().get(MARK) == mark
+    )
 
 
 class TestErrors:

@@ -66,8 +66,8 @@ def scenario(minutes: float) -> Dict[str, Any]:
 
 
 class Heard:
-    """What the graph says. stops: [m] to the nearest obstacle when each began. latencies: [ms] of each answer. metres:
-    driven. decision: the last one, for a person.
+    """What the graph says. stops: [m] to the nearest obstacle when each began, and in words where it was and why.
+    latencies: [ms] of each answer. metres: driven. decision: the last one, for a person.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Heard:
 
         from obst_avoid.msg import LaneControl
 
-        self.stops: List[float] = []
+        self.stops: List[Tuple[float, str]] = []
         self.faults: List[str] = []
         self.latencies: List[float] = []
         self.metres, self.decision = 0.0, 'none'
@@ -108,7 +108,7 @@ class Heard:
             stopped, fault = self._stopped
             self._answered = self._answered or msg.state not in self._stopped
             if self._answered and msg.state == stopped != self._before:
-                self.stops.append(self._gap)
+                self.stops.append((self._gap, 'after %.1f m: %s' % (self.metres, msg.reason)))
             if self._answered and msg.state == fault != self._before:
                 self.faults.append(msg.reason)
             self._before = msg.state
@@ -166,7 +166,7 @@ def _watched(process: Any, seconds: float) -> Dict[str, Any]:
         'metres': round(heard.metres, 1),
         'decision at the end': heard.decision,
         'stops': len(heard.stops),
-        'stops without a cause': sum(gap > NEAR for gap in heard.stops),
+        'stops without a cause': [words for gap, words in heard.stops if gap > NEAR],
         'faults': heard.faults,
     }
 
@@ -190,7 +190,8 @@ def judged(figures: Dict[str, Any]) -> List[str]:
     if after > 1.5 * before + SPARE:
         wrong.append('answers took %.1f ms at the beginning and %.1f ms at the end' % (before, after))
     if figures['stops without a cause']:
-        wrong.append('%d stops without a cause' % figures['stops without a cause'])
+        stops = figures['stops without a cause']
+        wrong.append('%d stops without a cause: %s' % (len(stops), stops[0]))
     if figures['faults']:
         wrong.append('%d faults: %s' % (len(figures['faults']), figures['faults'][0]))
     return wrong

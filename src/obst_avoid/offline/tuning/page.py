@@ -2,6 +2,7 @@
 
 import base64
 import os
+import threading
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import cv2
@@ -22,6 +23,8 @@ from obst_avoid.ros.border import BorderError
 
 PERIOD = 0.2
 """[s] between two looks at whether something has changed: a slider that is dragged changes all the time."""
+PATIENCE = 30.0
+"""[s] that a page may be silent: on a machine with much to do, clicks were lost with NiceGUI's 3 s."""
 LIVE_PERIOD = 1.0
 """[s] between two pictures of a running robot."""
 WIDEST = 800
@@ -63,6 +66,7 @@ class Desk:
             self.before = {**self.before, DETECTOR: {**self.before[DETECTOR], 'profile': profile}}
         self.after = self.before
         self.index = 0
+        self._changing = threading.Lock()
 
     def picture(self) -> Array:
         """The one that is looked at. Raises what ERRORS has."""
@@ -77,10 +81,11 @@ class Desk:
 
     def change(self, item: Tunable, value: Any) -> None:
         """Take another value, or say why not. Raises SettingsError, ToolError; nothing is changed then."""
-        after = tuning.with_change(self.after, item, value)
-        if self.robot is not None and tuning.get(after, item) != tuning.get(self.after, item):
-            self.robot.change(item, tuning.get(after, item))
-        self.after = after
+        with self._changing:  # a robot takes its time, and meanwhile something else may be moved
+            after = tuning.with_change(self.after, item, value)
+            if self.robot is not None and tuning.get(after, item) != tuning.get(self.after, item):
+                self.robot.change(item, tuning.get(after, item))
+            self.after = after
 
     def save(self) -> List[str]:
         """Write the settings. Returns the paths. Raises OSError, SettingsError."""
@@ -102,6 +107,7 @@ def serve(desk: Desk, port: int, ready: Callable[[], None]) -> None:
         reload=False,
         title='obst_avoid tune',
         favicon='🦆',
+        reconnect_timeout=PATIENCE,
         show_welcome_message=False,
     )
 
@@ -121,6 +127,7 @@ class Page:
     def build(self) -> None:
         """Lay everything out."""
         desk = self._desk
+        self._client = ui.context.client
         ui.add_css('.q-table td { white-space: normal; vertical-align: top } .nicegui-content { max-width: none }')
         with ui.header().classes('items-center q-py-xs'):
             ui.label('obst_avoid: %s' % desk.title()).classes('text-h6')
@@ -134,6 +141,7 @@ class Page:
             ui.button('Save', icon='save', on_click=self._save).props('color=white text-color=primary id=save')
         with ui.left_drawer(value=True, bordered=True).props('width=420').classes('q-pa-sm'):
             self._build_settings()
+        ui.label('Calibration: %s' % desk.calibration.source).classes('text-caption').props('id=calibration')
         self._error = ui.label().classes('text-negative text-bold').props('id=error')
         with ui.row().classes('w-full items-center').props('id=changes') as self._changes:
             pass
@@ -208,10 +216,12 @@ class Page:
         """A slider and a number, or words to choose from. What is wrong is said at the top, and not taken."""
         value = tuning.get(self._desk.after, item)
 
-        def changed(event: Any) -> None:
-            new = event.value
+        async def take(new: Any) -> None:
             if new is not None and new != tuning.get(self._desk.after, item):
-                self._change(item, new)
+                await self._change(item, new)
+
+        async def changed(event: Any) -> None:
+            await take(event.value)
 
         with ui.row().classes('w-full items-center no-wrap gap-2'):
             label = ui.label(_short(item)).classes('w-44 text-caption')
@@ -220,17 +230,25 @@ class Page:
                 controls = [ui.select(list(item.choices), value=value, on_change=changed).props('dense')]
             else:
                 step = 1 if item.kind == 'int' else _step(item)
-                slider = ui.slider(min=item.low, max=item.high, step=step, value=value, on_change=changed)
-                number = (
-                    ui.number(value=value, step=step, on_change=changed).props('dense debounce=300').classes('w-24')
-                )
+                slider = ui.slider(min=item.low, max=item.high, step=step, value=value)
+                number = ui.number(value=value, step=step).props('dense debounce=300').classes('w-24')
+                if self._desk.robot is None:
+                    slider.on_value_change(changed)
+                    number.on_value_change(changed)
+                else:  # a robot that drives is told what was meant, not what the slider or the typing came by
+                    slider.on('change', lambda event: take(event.args))
+                    number.on('blur', lambda: take(number.value))
+                    number.on('keydown.enter', lambda: take(number.value))
                 controls = [slider.props('dense').classes('grow'), number]
-            controls[-1].props('for=%s' % (item.name if item.node != CONTROLLER else 'controller_' + item.name))
+            controls[-1].props('for=%s' % _identity(item))
         self._controls[item.node, item.name] = controls
 
-    def _change(self, item: Tunable, value: Any) -> None:
+    async def _change(self, item: Tunable, value: Any) -> None:
         try:
-            self._desk.change(item, value)
+            if self._desk.robot is None:
+                self._desk.change(item, value)
+            else:
+                await run.io_bound(self._desk.change, item, value)
         except ERRORS as error:
             self._error.set_text('not changed: %s' % error)
             self._show_value(item)
@@ -250,7 +268,7 @@ class Page:
         with self._changes:
             ui.label('Changed:' if different else 'Nothing is changed yet: move a slider.').classes('text-bold')
             for item, old, new in different:
-                words = '%s %s → %s' % (item.name, old, new)
+                words = '%s %s → %s' % (_identity(item), old, new)
                 ui.button(words, icon='undo', on_click=lambda _, item=item, old=old: self._change(item, old)).props(
                     'no-caps dense outline size=sm'
                 )
@@ -261,7 +279,7 @@ class Page:
 
     async def _look(self) -> None:
         """Compute and draw again what is not true any more; one at a time."""
-        if not self._stale or self._busy:
+        if not self._stale or self._busy or not self._client.has_socket_connection:  # nobody looks
             return
         self._stale, self._busy = False, True
         try:
@@ -289,8 +307,20 @@ class Page:
         except ERRORS as error:
             self._error.set_text(tool.why_os(error) if isinstance(error, OSError) else str(error))
             self._failed = True
+            self._clear()
         finally:
             self._busy = False
+
+    def _clear(self) -> None:
+        """Nothing is better than what is not true any more."""
+        self._results.clear()
+        for side in SIDES:
+            self._shown[side, 'found'].set_text('')
+            self._shown[side, 'decision'].set_text('')
+            self._shown[side, 'table'].rows = []
+            self._shown[side, 'table'].update()
+            for cell, _, _ in self._panels[side]:
+                cell.set_visibility(False)
 
     def _draw(self, side: str, result: Result) -> None:
         self._shown[side, 'found'].set_text('Found %s' % result.found)
@@ -332,6 +362,11 @@ def _short(item: Tunable) -> str:
         if name.startswith(start) and name != start:
             name = name[len(start) :]
     return name.replace('_', ' ')
+
+
+def _identity(item: Tunable) -> str:
+    """Of all tunables: avoider and controller share names."""
+    return 'controller_' + item.name if item.node == CONTROLLER else item.name
 
 
 def _step(item: Tunable) -> float:

@@ -1,7 +1,8 @@
 """A running robot: its settings, its camera, and what it decides. Settings are changed where rqt_reconfigure would."""
 
 import threading
-from typing import Any, Dict, Optional
+import time
+from typing import Any, Dict, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -18,6 +19,8 @@ from obst_avoid.ros import border
 
 WAIT = 5.0
 """[s] of wall time for a node to answer."""
+OLD = 2.0
+"""[s] of wall time since a picture or a decision came, after which it is said how old it is."""
 
 
 class Robot:
@@ -35,8 +38,8 @@ class Robot:
         if DETECTOR not in self._clients or AVOIDER not in self._clients:
             raise tool.ToolError('no %s and %s of %s run, expected obst_avoid.launch' % (DETECTOR, AVOIDER, veh))
         self._lock = threading.Lock()
-        self._picture: Optional[Any] = None
-        self._decision: Optional[LaneControl] = None
+        self._picture: Tuple[Optional[Any], float] = None, 0.0
+        self._decision: Tuple[Optional[LaneControl], float] = None, 0.0
         raw = rospy.get_param('/%s/%s/input' % (veh, DETECTOR), 'compressed') == 'raw'
         topic, cls = ('image', Image) if raw else ('image/compressed', CompressedImage)
         rospy.Subscriber('/%s/camera_node/%s' % (veh, topic), cls, self._on_picture, queue_size=1, buff_size=2**24)
@@ -51,18 +54,21 @@ class Robot:
 
     def _on_picture(self, msg: Any) -> None:
         with self._lock:
-            self._picture = msg
+            self._picture = msg, time.monotonic()
 
     def _on_decision(self, msg: LaneControl) -> None:
         with self._lock:
-            self._decision = msg
+            self._decision = msg, time.monotonic()
 
     def picture(self) -> Array:
         """The newest, (H, W, 3) uint8, BGR. Raises PictureError."""
         with self._lock:
-            msg = self._picture
+            msg, came = self._picture
         if msg is None:
             raise PictureError('no picture of %s yet, expected its camera to run' % self.veh)
+        if time.monotonic() - came > OLD:
+            seconds = time.monotonic() - came
+            raise PictureError('no picture of %s for %.0f s, expected its camera to run' % (self.veh, seconds))
         if isinstance(msg, CompressedImage):
             return border.picture_from_compressed_image(msg)
         return border.picture_from_image(msg)
@@ -70,9 +76,11 @@ class Robot:
     def decision(self) -> str:
         """The robot's last one, for a person."""
         with self._lock:
-            msg = self._decision
+            msg, came = self._decision
         if msg is None:
             return 'nothing decided yet'
+        if time.monotonic() - came > OLD:
+            return 'nothing decided for %.0f s' % (time.monotonic() - came)
         decision = border.decision_from_lane_control(msg)
         return '%s: %s' % (decision.state.name, decision.reason)
 

@@ -2,6 +2,7 @@
 
 import ast
 import os
+import shutil
 from dataclasses import dataclass, fields
 from typing import Any, Dict, List, Mapping, Sequence, Tuple, Type
 
@@ -32,6 +33,8 @@ NODES = {
     AVOIDER: Node(('obstacle_avoidance_node.yaml', 'lane_estimate.yaml'), AvoidanceSettings, ObstacleAvoidanceConfig),
     CONTROLLER: Node(('lane_controller_node.yaml', 'lane_estimate.yaml'), LaneControlSettings, LaneControllerConfig),
 }
+OTHERS = ('car_cmd_guard_node.yaml', 'daffy_adapter_node.yaml', 'simulation.yaml')
+"""Files that launch files read too; they are added to a folder as they are."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ def existing(folder: str) -> List[str]:
 
 
 def save(values: Values, config: str, folder: str) -> List[str]:
-    """Write a folder of settings that every tool's --config takes: the files of config, or the package's own, with
+    """Write a folder of settings that --config and config:= take: the files of config, or the package's own, with
     their comments, and the values as they are now. Returns the paths. Raises OSError, SettingsError.
     """
     os.makedirs(folder, exist_ok=True)
@@ -135,6 +138,13 @@ def save(values: Values, config: str, folder: str) -> List[str]:
             other = {item.path: value_at(now, item.path) for item in described(text) if _differs(item, now)}
             with tool.whole(path) as part, open(part, 'w', encoding='utf-8') as out:
                 out.write(with_values(text, other))
+            written.append(path)
+    for file in OTHERS:
+        path = os.path.join(folder, file)
+        if not os.path.lexists(path):
+            source = tool.settings_file(config, file)
+            with tool.whole(path) as part:
+                shutil.copyfile(source if os.path.exists(source) else tool.settings_file('', file), part)
             written.append(path)
     return written
 

@@ -1,6 +1,7 @@
 """Where the page's pictures come from: a folder, files, or a bag; any of them, in any order."""
 
 import os
+import sys
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
@@ -36,12 +37,14 @@ def open_pictures(paths: Sequence[str], vehicle: str) -> Pictures:
         return Pictures([names[path] for path in files], files)
     try:
         recording = open_bag(bags[0], vehicle)
-    except tool.ToolError:
-        recording = open_bag(bags[0])  # of a robot with another name, as long as there is only one
+    except tool.ToolError as error:
+        recording = open_bag(bags[0])  # a calibration may be another robot's, as long as the bag has only one
+        print('%s; taking those that are there' % str(error).split(', expected')[0], file=sys.stderr)
     role = recording.picture_role
     topic = recording.topics[role]
     with rosbag.Bag(bags[0]) as bag:
-        stamps = [time for _, _, time in bag.read_messages(topics=[topic], raw=True)]
+        read = tool.progress(bag.read_messages(topics=[topic], raw=True), 'reading', recording.pictures)
+        stamps = [time for _, _, time in read]
     if not stamps:
         raise tool.ToolError('%s has no pictures, expected messages on %s' % (bags[0], topic))
     times = [(time.secs, time.nsecs) for time in stamps]
