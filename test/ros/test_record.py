@@ -4,6 +4,7 @@ from __future__ import annotations  # the robot's pytest does not export its fix
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 import rosbag
 import rosgraph
 import yaml
-from helpers import START, free_port, run_program, wait_for
+from helpers import REPOSITORY, START, free_port, run_program, wait_for
 
 from obst_avoid.offline import play, record
 from obst_avoid.offline.graph import launched
@@ -213,6 +214,16 @@ def test_without_calibration_it_is_said_and_recorded_all_the_same(
     record._keep_calibration(options, str(tmp_path / 'calibrations'))
     assert 'without calibration: no calibration of duck1' in sentence('record')
     assert not (tmp_path / 'calibrations').exists()
+
+
+@pytest.mark.parametrize('packages', ['debian-12', 'ubuntu-20.04'])
+def test_a_robot_needs_no_package_of_the_tools(packages: str) -> None:
+    listed = (REPOSITORY / 'deps' / (packages + '.txt')).read_text()
+    tools = re.findall(r'^python3-(\w+)$', listed.split('# tools')[1].split('# test')[0], re.MULTILINE)
+    assert {'scipy', 'moderngl'} <= set(tools)
+    code = 'import sys; sys.modules.update(dict.fromkeys(%r)); import obst_avoid.offline.record' % tools
+    ended = run_program([sys.executable, '-c', code], 60)
+    assert ended.code == 0, ended.output
 
 
 def make_bag(folder: Path) -> str:
