@@ -35,7 +35,8 @@ GOOD: Dict[str, Any] = {
         ({'memory at the end [MB]': {}}, 'a is gone'),
         ({'minutes': 12.0}, 'it ended after 12.0 of 20.0 minutes'),
         ({'stops': 3}, '3 stops, expected at least 10, on 150.0 m, and at the end state 0, clear'),
-        ({'stops without a cause': ['after 3.1 m: why', 'x']}, '2 stops without a cause: after 3.1 m: why'),
+        ({'stops without a cause': ['after 3.1 m: why', 'x', 'y']}, '3 stops without a cause: after 3.1 m: why'),
+        ({'stops without a cause': ['x', 'y']}, ''),
         ({'faults': ['stopping: no lane pose yet']}, '1 faults: stopping: no lane pose yet'),
     ],
 )
