@@ -228,6 +228,12 @@ class Daffy(unittest.TestCase):
     def test_when_the_adapter_is_killed_it_stands(self) -> None:
         self.killed('daffy_adapter_node')
 
+    def test_when_the_adapter_is_killed_a_controller_without_the_remap_stands_too(self) -> None:
+        # it hears lane poses all the time, and keeps the last request: the guard asks it to stand
+        self.stack.follow('/duck1/lane_filter_node/lane_pose')
+        self.addCleanup(self.stack.follow, '/duck1/daffy_adapter_node/lane_pose')
+        self.killed('daffy_adapter_node')
+
     def killed(self, node: str) -> None:
         process, since = process_of('/duck1/' + node), time.monotonic()
         os.kill(process, signal.SIGKILL)

@@ -76,7 +76,10 @@ CONTRACT = {
         '~lane_control': 'obstacle_avoidance_node/lane_control',
         '~car_cmd': 'lane_controller_node/car_cmd',
     },
-    'car_cmd_guard_node': {'~car_cmd': 'lane_controller_node/car_cmd'},
+    'car_cmd_guard_node': {
+        '~car_cmd': 'lane_controller_node/car_cmd',
+        '~obstacle_distance_reading': 'road_anomaly_watcher/obstacle_distance',
+    },
     'daffy_adapter_node': {
         '~lane_filter_pose': 'lane_filter_node/lane_pose',
         '~lane_pose': 'daffy_adapter_node/lane_pose',
