@@ -164,6 +164,22 @@ class Daffy(unittest.TestCase):
         self.reaches(lambda: self.stack.speed > 0.9 * FULL, 'driving on')
         self.assertEqual([msg.data for msg in self.stack.emergency.all()[pressed:]], [True, False])
 
+    def test_an_emergency_stop_of_somebody_else_is_not_released(self) -> None:
+        person = publisher('/duck1/wheels_driver_node/emergency_stop', BoolStamped)
+        self.addCleanup(person.publish, BoolStamped(data=False))
+        self.put((1.0, 0.0, 0.03))
+        self.stands_before_it()
+        pressed = len(self.stack.emergency.all())
+        person.publish(BoolStamped(data=True))
+        self.reaches(lambda: len(self.stack.emergency.all()) == pressed + 1, 'the person')
+        self.put()
+        self.reaches(lambda: not self.stack.reading.stop_line_detected, 'free')
+        time.sleep(0.5)
+        self.assertEqual(len(self.stack.emergency.all()), pressed + 1, 'the adapter would let it drive')
+        person.publish(BoolStamped(data=False))
+        self.put((0.6, 0.0, 0.03))
+        self.reaches(lambda: [msg.data for msg in self.stack.emergency.all()[pressed:]] == [True, False, True], 'again')
+
     def test_what_stands_at_the_side_is_passed(self) -> None:
         self.put((1.0, -0.085, 0.02))
         begin, most = self.stack.along, 0.0

@@ -62,11 +62,13 @@ class AdapterNode:
         self._emergency = None
         if self._settings.hard_stop:
             self._emergency = rospy.Publisher('~emergency_stop', self._flag_class, queue_size=1, latch=True)
-        self._emergency_said = False  # what somebody else has pressed is not released
+        self._emergency_said, self._pressed = False, False  # by us; by somebody else, which is not released
         self._health = node.Health(self._settings.veh, self._diagnose)
         rospy.on_shutdown(self._stop_for_good)
         node.every(LOOK, self._on_look)
         rospy.Service('~switch', SetBool, self._on_switch)
+        if self._emergency is not None:
+            rospy.Subscriber('~emergency_stop', self._flag_class, self._on_emergency, queue_size=1)
         rospy.Subscriber('~mode', mode_class, self._on_mode, queue_size=1)
         rospy.Subscriber('~lane_control', LaneControl, node.callback(self._on_lane_control), queue_size=1)
         rospy.Subscriber('~lane_filter_pose', self._lane_pose_class, node.callback(self._on_lane_pose), queue_size=1)
@@ -96,6 +98,12 @@ class AdapterNode:
         with self._lock:
             self._mode = msg.state
             self._act(self._clock.look())
+
+    def _on_emergency(self, msg: Any) -> None:
+        if msg._connection_header['callerid'] != rospy.get_name():
+            with self._lock:
+                self._pressed = bool(msg.data)
+                self._emergency_said = self._emergency_said and self._pressed  # released for us, too: say it again
 
     def _on_switch(self, request: SetBoolRequest) -> SetBoolResponse:
         with self._lock:
@@ -135,7 +143,8 @@ class AdapterNode:
         stand = self._asked.pace is Pace.STAND and acts(self._on, self._mode, self._settings)
         if self._emergency is not None and stand is not self._emergency_said:
             self._emergency_said = stand
-            self._emergency.publish(border.flag(stand, now, self._flag_class))
+            if stand or not self._pressed:
+                self._emergency.publish(border.flag(stand, now, self._flag_class))
 
     def _pass_on(self, msg: Any) -> None:
         """A lane pose to the controller, moved by d_ref."""
