@@ -16,14 +16,26 @@ import pytest
 import rosbag
 import rosgraph
 import yaml
-from helpers import REPOSITORY, START, free_port, run_program, wait_for
+from helpers import REPOSITORY, START, free_port, load_launch, run_program, wait_for
 
 from obst_avoid.offline import play, record
 from obst_avoid.offline.graph import launched
+from obst_avoid.ros import alone
 
 END_WAIT = 30.0
 """[s] for a recorder to write its index."""
 ROBOT = ['--vehicle', 'duck1']
+SETTINGS = (
+    'bird_view.yaml',
+    'car_cmd_guard_node.yaml',
+    'daffy_adapter_node.yaml',
+    'lane_controller_node.yaml',
+    'lane_estimate.yaml',
+    'obstacle_avoidance_node.yaml',
+    'obstacle_detection_node.yaml',
+    'simulation.yaml',
+)
+"""What launch files read."""
 
 
 @pytest.fixture
@@ -111,7 +123,7 @@ def test_a_recording_never_gets_larger_than_it_may(master: Dict[str, str], tmp_p
 
 def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
-    drive = ['simulation.launch', 'veh:=duck1', 'picture_rate:=10', 'scenario:=demo.yaml']
+    drive = ['simulation.launch', 'veh:=duck1', 'picture_rate:=10', 'stage:=stop_only', 'scenario:=demo.yaml']
     drive[-1] = 'scenario:=' + os.path.join(record.tool.package_folder(), 'config/demo.yaml')
     with open(str(tmp_path / 'log.txt'), 'wb') as log, launched(drive, log.fileno()) as graph:
         call = ['roslaunch', '--wait', 'obst_avoid', 'record.launch', 'veh:=duck1', 'output:=drives', 'megabytes:=200']
@@ -123,11 +135,14 @@ def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeyp
     assert names == {
         'drive_0.bag',
         'settings.yaml',
+        *('settings/' + name for name in SETTINGS),
         'calibrations/camera_intrinsic/duck1.yaml',
         'calibrations/camera_extrinsic/duck1.yaml',
     }
     settings = yaml.safe_load((folder / 'settings.yaml').read_text())['duck1']
-    assert settings['obstacle_avoidance_node']['stage'] == 'avoid_all' and 'rviz' not in settings
+    assert settings['obstacle_avoidance_node']['stage'] == 'stop_only' and 'rviz' not in settings
+    config = load_launch('obst_avoid.launch', veh='duck1', config=str(folder / 'settings'))
+    assert config.params['/duck1/obstacle_avoidance_node/stage'].value == 'stop_only'
     bag = str(folder / 'drive_0.bag')
     with rosbag.Bag(bag) as read:
         found = {topic: info.message_count for topic, info in read.get_type_and_topic_info().topics.items()}
@@ -140,7 +155,7 @@ def test_what_is_recorded_can_be_looked_at_and_evaluated(tmp_path: Path, monkeyp
     for tool_call, made in (
         (['drive_report', bag, '--output', str(tmp_path / 'report')], 'report/drive.mp4'),
         (['evaluate', '--profile', 'paper', '--output', str(tmp_path / 'results'), bag], 'results'),
-        (['run_bag', bag, '--output', str(tmp_path / 'again.bag')], 'again.bag'),
+        (['run_bag', '--config', str(folder / 'settings'), bag, '--output', str(tmp_path / 'again.bag')], 'again.bag'),
     ):
         ended = run_program(['rosrun', 'obst_avoid', *tool_call, *robot], 240)
         assert ended.code == 0 and (tmp_path / made).exists(), ended.output
@@ -268,7 +283,9 @@ def test_what_cannot_be_played(
         ['simulation.launch', 'veh:=duck2'],
     ],
 )
-def test_nothing_is_played_or_simulated_beside_a_robot(master: Dict[str, str], tmp_path: Path, call: List[str]) -> None:
+def test_nothing_is_played_or_simulated_beside_a_robot(
+    master: Dict[str, str], tmp_path: Path, call: List[str], monkeypatch: Any
+) -> None:
     topic = '/duck1/camera_node/image/compressed'
     state = rosgraph.Master('/test', master['ROS_MASTER_URI'])
     camera = subprocess.Popen([sys.executable, __file__], env=master)
@@ -282,6 +299,9 @@ def test_nothing_is_played_or_simulated_beside_a_robot(master: Dict[str, str], t
     sentence = '/camera publishes %s at %s, expected a ROS master without a robot' % (topic, master['ROS_MASTER_URI'])
     assert sentence in ended.output, ended.output
     assert not state.hasParam('/use_sim_time'), 'the robot has its own time'
+    monkeypatch.setenv('ROS_MASTER_URI', master['ROS_MASTER_URI'])
+    assert topic in dict(state.getSystemState()[0]), 'the master remembers who was killed'
+    alone.require('/test')
 
 
 def show_pictures() -> None:

@@ -10,17 +10,19 @@ import os
 import shutil
 import sys
 import time
-from typing import Any, Dict, List, NoReturn, Tuple
+from typing import Any, List, NoReturn, Tuple
 
 import rosgraph
 import rospy
 import yaml
 
 from obst_avoid.core.calibration import CalibrationError, find_calibration
+from obst_avoid.core.settings import SettingsError
 from obst_avoid.offline import tool
 from obst_avoid.offline.recording import CAMERA_INFO, CAR_CMD, JPEG, LANE_POSE, MOTION, RAW, TURN
 from obst_avoid.offline.recording import TOPICS as READ
 from obst_avoid.offline.tool import ToolError
+from obst_avoid.offline.tuning import settings as tuning
 from obst_avoid.ros.node import path_of_user
 
 NODES = (
@@ -73,8 +75,8 @@ def main(arguments: Any = None) -> int:
     parser = argparse.ArgumentParser(
         prog='record',
         description='Record what is needed to evaluate a drive into a new folder: drive_0.bag and following, '
-        "calibrations/ and settings.yaml. Ctrl-C ends it. drive_report, evaluate, run_bag and the launch files' bag:= "
-        'take each of the bags.',
+        'calibrations/, settings.yaml, and settings/ for --config and config:=. Ctrl-C ends it. drive_report, '
+        "evaluate, run_bag and the launch files' bag:= take each of the bags.",
     )
     parser.add_argument('--vehicle', metavar='NAME', required=True, help='robot, whose topics are under /NAME')
     parser.add_argument('--output', metavar='DIR', default='.', help='where the new folder is made (default: here)')
@@ -127,8 +129,7 @@ def _main(options: argparse.Namespace) -> NoReturn:
     else:
         folder = new_folder(path_of_user(options.output), options.vehicle)
         _keep_calibration(options, os.path.join(folder, 'calibrations'))
-        with open(os.path.join(folder, 'settings.yaml'), 'w', encoding='utf-8') as file:
-            yaml.safe_dump({options.vehicle: _settings(options.vehicle)}, file)
+        _keep_settings(options.vehicle, folder)
         size, count = parts(options.megabytes, options.input)
         call += ['--output-name=' + os.path.join(folder, 'drive.bag'), '--split', '--size=%d' % size]
         call.append('--max-splits=%d' % (count - 1))  # beside the one that is being written
@@ -163,7 +164,14 @@ def _keep_calibration(options: argparse.Namespace, folder: str) -> None:
         shutil.copyfile(found, os.path.join(folder, kind, options.vehicle + '.yaml'))
 
 
-def _settings(veh: str) -> Dict[str, Any]:
-    """The parameters of our nodes, as far as they run."""
+def _keep_settings(veh: str, folder: str) -> None:
+    """All parameters of our nodes, as far as they run; and as a folder that tools and launch files take."""
     found = rospy.get_param('/' + veh, {})
-    return {name: found[name] for name in NODES if isinstance(found, dict) and name in found}
+    ours = {name: found[name] for name in NODES if isinstance(found, dict) and name in found}
+    with open(os.path.join(folder, 'settings.yaml'), 'w', encoding='utf-8') as file:
+        yaml.safe_dump({veh: ours}, file)
+    values = {name: tuning.from_parameters(ours[name], name) for name in tuning.NODES if name in ours}
+    try:
+        tuning.save(values, '', os.path.join(folder, 'settings'))
+    except SettingsError as error:
+        print('record: settings.yaml alone: %s' % error, file=sys.stderr, flush=True)
