@@ -18,9 +18,8 @@ import rosgraph
 import yaml
 from helpers import REPOSITORY, START, free_port, load_launch, run_program, wait_for
 
-from obst_avoid.offline import play, record
+from obst_avoid.offline import play, record, simulated_time
 from obst_avoid.offline.graph import launched
-from obst_avoid.ros import alone
 
 END_WAIT = 30.0
 """[s] for a recorder to write its index."""
@@ -283,25 +282,24 @@ def test_what_cannot_be_played(
         ['simulation.launch', 'veh:=duck2'],
     ],
 )
-def test_nothing_is_played_or_simulated_beside_a_robot(
-    master: Dict[str, str], tmp_path: Path, call: List[str], monkeypatch: Any
-) -> None:
+def test_nothing_is_played_or_simulated_beside_a_robot(master: Dict[str, str], tmp_path: Path, call: List[str]) -> None:
     topic = '/duck1/camera_node/image/compressed'
     state = rosgraph.Master('/test', master['ROS_MASTER_URI'])
     camera = subprocess.Popen([sys.executable, __file__], env=master)
     try:
         wait_for(lambda: topic in dict(state.getSystemState()[0]), START, 'the robot')
+        state.setParam('/duck1/obstacle_avoidance_node/stage', 'stop_only')
         bag = make_bag(tmp_path)
         ended = run_program(['roslaunch', 'obst_avoid', *(word.format(bag=bag) for word in call)], 60, master)
     finally:
         camera.kill()
         camera.wait()
-    sentence = '/camera publishes %s at %s, expected a ROS master without a robot' % (topic, master['ROS_MASTER_URI'])
-    assert sentence in ended.output, ended.output
+    sentence = '/camera publishes %s at %s, expected nobody else there' % (topic, master['ROS_MASTER_URI'])
+    assert ended.code == 1 and sentence in ended.output, ended.output
     assert not state.hasParam('/use_sim_time'), 'the robot has its own time'
-    monkeypatch.setenv('ROS_MASTER_URI', master['ROS_MASTER_URI'])
+    assert state.getParam('/duck1/obstacle_avoidance_node/stage') == 'stop_only', 'and its settings'
     assert topic in dict(state.getSystemState()[0]), 'the master remembers who was killed'
-    alone.require('/test')
+    simulated_time.require('duck1', uri=master['ROS_MASTER_URI'])
 
 
 def show_pictures() -> None:

@@ -12,12 +12,11 @@ from typing import Any, List, NoReturn
 import rosgraph
 import rospy
 
-from obst_avoid.offline import tool
+from obst_avoid.offline import simulated_time, tool
 from obst_avoid.offline.recording import CAMERA_INFO, JPEG, LANE_POSE, open_bag
 from obst_avoid.offline.recording import TOPICS as READ
 from obst_avoid.offline.tool import ToolError
-from obst_avoid.ros import alone
-from obst_avoid.ros.node import NodeError, path_of_user
+from obst_avoid.ros.node import path_of_user
 
 PLAYED = (
     READ[CAMERA_INFO],
@@ -64,8 +63,8 @@ def _main(options: argparse.Namespace) -> NoReturn:
         raise ToolError('no ROS master at %s, expected one that runs' % rosgraph.get_master_uri())
     names = ['/%s/%s' % (options.vehicle, name) for name in (READ[found], *PLAYED)]
     try:
-        alone.require('/play', names)
-    except NodeError as error:
+        simulated_time.require(options.vehicle, names)
+    except simulated_time.NotAloneError as error:
         raise ToolError(str(error)) from error
     call = ['rosrun', 'rosbag', 'play', '--quiet', '--clock', '--delay=%g' % START_WAIT]
     call += ['--rate=%g' % options.rate, '--loop' if options.loop else '--keep-alive']  # the last picture stays

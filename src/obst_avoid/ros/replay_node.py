@@ -35,7 +35,7 @@ from obst_avoid.offline.recording import (
 )
 from obst_avoid.offline.summary import summarise, table
 from obst_avoid.offline.tool import ToolError, write_json, write_picture
-from obst_avoid.ros import alone, border, node
+from obst_avoid.ros import border, node
 from obst_avoid.ros.messages import find_messages
 from obst_avoid.viz.overlay import banner, contact_sheet
 
@@ -130,7 +130,6 @@ class ReplayNode:
 
     def __init__(self) -> None:
         settings = node.private_settings(ReplaySettings)
-        alone.require(rospy.get_name())
         self._output = node.path_of_user(settings.output)
         self._recording = _open(settings)
         self._messages = find_messages(settings.msgs_package)

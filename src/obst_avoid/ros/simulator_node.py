@@ -23,7 +23,7 @@ from obst_avoid.core.age import NANOSECONDS
 from obst_avoid.core.settings import choice, flag, integer, number, text
 from obst_avoid.core.types import Array, Command, LanePose
 from obst_avoid.msg import LaneControl
-from obst_avoid.ros import alone, border, node
+from obst_avoid.ros import border, node
 from obst_avoid.ros.messages import find_messages
 from obst_avoid.sim import world as worlds
 from obst_avoid.sim.renderer import Renderer, RenderError
@@ -122,7 +122,6 @@ class SimulatorNode:
 
     def __init__(self) -> None:
         settings = node.private_settings(SimulatorNodeSettings)
-        alone.require(rospy.get_name())
         self._settings = settings
         messages = find_messages(settings.msgs_package)
         self._lane_pose_class = messages.LanePose
