@@ -42,6 +42,8 @@ def works(setup: Path, folder: Path) -> None:
     assert '"kind": "duckie"' in (folder / 'found.json').read_text()
     nodes = shell('source %s; roslaunch --nodes obst_avoid daffy.launch veh:=duck1' % setup, folder).split()
     assert '/duck1/daffy_adapter_node' in nodes
+    nodes = shell('source %s; roslaunch --nodes obst_avoid simulation.launch' % setup, folder).split()
+    assert '/simulated/simulator_node' in nodes
     where: List[str] = shell(
         'source %s; /usr/bin/python3 -c "import obst_avoid; from obst_avoid.core.detection.robust import native; '
         'print(obst_avoid.__file__); print(native.LIBRARY is not None)"' % setup,

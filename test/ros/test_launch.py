@@ -47,6 +47,15 @@ SETTINGS = {
     'simulator_node': SimulatorNodeSettings,
 }
 
+FILES = {
+    'obstacle_detection_node': ['obstacle_detection_node', 'bird_view'],
+    'obstacle_avoidance_node': ['obstacle_avoidance_node', 'lane_estimate'],
+    'lane_controller_node': ['lane_controller_node', 'lane_estimate'],
+    'obstacle_detection_visual_node': ['bird_view'],
+    'simulator_node': ['simulation'],
+}
+"""In config; of the others one with the node's name."""
+
 TOOLS = ('play', 'record')
 """Programs that take arguments instead of parameters."""
 
@@ -323,11 +332,12 @@ def test_config_names_the_folder_of_all_settings(name: str, tmp_path: Path) -> N
     with pytest.raises(LoadException, match=re.escape('file does not exist [%s/' % tmp_path)):
         load_launch(name, **arguments)
     for path in (REPOSITORY / 'config').glob('*.yaml'):
-        (tmp_path / path.name).write_text(path.read_text() + '\ncame_from: here\n')
+        (tmp_path / path.name).write_text('%s\nsaid_%s: here\n' % (path.read_text(), path.stem))
     config = load_launch(name, **arguments)
     for full, node in nodes_of(config).items():
         if node.type in SETTINGS and node.type != 'replay_node':
-            assert param(config, full + '/came_from') == 'here'
+            found = {name.split('/')[-1] for name in config.params if name.startswith(full + '/said_')}
+            assert found == {'said_' + stem for stem in FILES.get(node.type, [node.type])}
 
 
 def test_a_replay_passes_its_arguments_on() -> None:

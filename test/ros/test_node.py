@@ -56,3 +56,15 @@ def test_a_timer_does_not_start_work_while_the_node_ends(monkeypatch: pytest.Mon
         thread.join(5)
         assert not thread.is_alive()
     assert calls == []
+
+
+def test_parameters_of_a_new_master_do_not_take_the_place_of_those_that_are_kept() -> None:
+    watch: Any = node.MasterWatch.__new__(node.MasterWatch)
+    watch._parameters, watch._missing, watch._looks = {'/use_sim_time': True}, 0, node.LOOKS - 1
+    watch._read = lambda: {'/use_sim_time': False}
+    watch._is_known = lambda: False  # it was restarted a moment before it was read
+    watch.look()
+    assert watch._parameters == {'/use_sim_time': True}
+    watch._looks, watch._is_known = node.LOOKS - 1, lambda: True
+    watch.look()
+    assert watch._parameters == {'/use_sim_time': False}

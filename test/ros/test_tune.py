@@ -4,6 +4,7 @@ from __future__ import annotations  # the robot's pytest does not export its fix
 
 import shutil
 import subprocess
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, NamedTuple
@@ -26,6 +27,7 @@ from helpers import (
     run_program,
     wait_for,
 )
+from selenium.webdriver.common.keys import Keys
 from unit.drawn import Scene
 
 from obst_avoid.core.settings import SettingsError
@@ -141,7 +143,7 @@ class TestPage:
         page.wait('changes', 'robust_confidence')
         page.click('save')
         saved = output / 'obstacle_detection_node.yaml'
-        wait_for((output / 'lane_controller_node.yaml').is_file, ANSWER, 'the files')
+        wait_for((output / 'simulation.yaml').is_file, ANSWER, 'the files')
         own = (REPOSITORY / 'config' / saved.name).read_text(encoding='utf-8').splitlines()
         lines = [(old, new) for old, new in zip(own, saved.read_text(encoding='utf-8').splitlines()) if old != new]
         assert [(old.split()[:2], new.split()[:2]) for old, new in lines] == [
@@ -248,6 +250,40 @@ class TestRobot:
         assert len(after) == before + 1, after
         assert running.parameter(tuning.AVOIDER + '/stop_distance') > 0.34
 
+    def test_a_number_is_sent_when_it_is_whole(self, page: Page, running: Running) -> None:
+        field = page.browser.find_element('id', 'lane_width')
+        field.send_keys(Keys.CONTROL + 'a')
+        field.send_keys('0.2')
+        time.sleep(1.0)
+        field.send_keys('4' + Keys.ENTER)
+        wait_for(lambda: running.parameter(tuning.AVOIDER + '/lane_width') == 0.24, ANSWER, 'the number')
+        assert not running.said('lane_width is 0.2 now')
+        field.send_keys(Keys.CONTROL + 'a')
+        field.send_keys(Keys.BACKSPACE + Keys.TAB)
+        wait_for(lambda: field.get_attribute('value') == '0.24', ANSWER, 'the number again, where none was given')
+
+    def test_back_to_what_it_was(self, page: Page, running: Running) -> None:
+        page.enter('near_distance', 0.5)
+        wait_for(lambda: running.parameter(tuning.AVOIDER + '/near_distance') == 0.5, ANSWER, 'the number')
+        page.wait('changes', 'near_distance')
+        button = next(
+            one for one in page.browser.find_elements('css selector', '#changes button') if 'near_distance' in one.text
+        )
+        button.click()
+        wait_for(lambda: running.parameter(tuning.AVOIDER + '/near_distance') == 0.45, ANSWER, 'the one before')
+        wait_for(lambda: 'near_distance' not in page.text('changes'), ANSWER, 'no change')
+
+    def test_a_picture_that_is_held_does_not_hold_what_the_robot_says(self, page: Page, running: Running) -> None:
+        wait_for(page.pictures, ANSWER, 'pictures')
+        page.browser.find_element('css selector', '.q-toggle').click()
+        camera = _process(running, 'simulator_node')
+        camera.suspend()
+        try:
+            page.wait('after-decision', 'FAULT')
+            assert page.pictures() and page.text('error') == ''
+        finally:
+            camera.resume()
+
     def test_what_the_node_would_not_start_with_is_not_sent(self, page: Page, running: Running) -> None:
         before = running.parameter(tuning.AVOIDER + '/margin')
         page.enter('margin', -1)
@@ -261,7 +297,8 @@ class TestRobot:
         try:
             page.wait('error', 'no picture of duck1 for ')
             assert page.pictures() == []
-            assert page.text('after-found') == page.text('after-decision') == ''
+            assert page.text('after-found') == page.text('before-decision') == ''
+            page.wait('after-decision', 'FAULT')
         finally:
             camera.resume()
         page.wait('after-found', 'Found')
@@ -322,10 +359,7 @@ class TestErrors:
         assert 'port %s is not to be had' % port in ended.output
 
     def test_without_nicegui_it_says_where_it_comes_from(self, pictures: Path) -> None:
-        import os
-
-        path = ':'.join(part for part in os.environ['PYTHONPATH'].split(':') if 'venv' not in part)
-        ended = run_program(['rosrun', 'obst_avoid', 'tune', str(pictures)], 60, {'PYTHONPATH': path})
+        ended = run_program(['rosrun', 'obst_avoid', 'tune', str(pictures)], 60, {'OBST_AVOID_VENV': ''})
         assert ended.code == 1
         assert 'tune: NiceGUI is missing, expected it in build/venv: run make setup' in ended.output
 

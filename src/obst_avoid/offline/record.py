@@ -171,6 +171,7 @@ def _keep_settings(veh: str, folder: str) -> None:
     with open(os.path.join(folder, 'settings.yaml'), 'w', encoding='utf-8') as file:
         yaml.safe_dump({veh: ours}, file)
     values = {name: tuning.from_parameters(ours[name], name) for name in tuning.NODES if name in ours}
+    values.update({name: ours[name] for name in tuning.OTHERS if name in ours})
     try:
         tuning.save(values, '', os.path.join(folder, 'settings'))
     except SettingsError as error:

@@ -4,6 +4,7 @@ import argparse
 import importlib.util
 import os
 import socket
+import sys
 from typing import Any
 
 from obst_avoid.offline import tool
@@ -30,6 +31,8 @@ def _main(options: argparse.Namespace) -> int:
         raise ToolError('expected pictures, a bag, or --robot NAME: one of these')
     if options.robot and (options.config or options.profile):
         raise ToolError('--config and --profile are not for --robot, expected neither: it has settings of its own')
+    if os.environ.get('OBST_AVOID_VENV'):  # for this program alone; first, since it needs newer ones than Debian's
+        sys.path.insert(0, os.environ['OBST_AVOID_VENV'])
     if importlib.util.find_spec('nicegui') is None:
         raise ToolError('NiceGUI is missing, expected it in build/venv: run make setup, and source setup.bash again')
     if os.path.exists(options.output) and not os.path.isdir(options.output):

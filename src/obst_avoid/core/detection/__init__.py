@@ -47,10 +47,10 @@ def tuned(detector: Detector, settings: DetectionSettings) -> Detector:
     """
     if (settings.profile, settings.bird_view) == (detector.settings.profile, detector.settings.bird_view):
         return replace(detector, settings=settings)
-    fresh = start(detector.view.calibration, settings)
-    if settings.profile != detector.settings.profile:
-        return replace(fresh, calibration=detector.calibration)
-    return replace(detector, settings=settings, view=fresh.view)
+    calibration = detector.view.calibration
+    if settings.profile == detector.settings.profile:
+        return replace(detector, settings=settings, view=make_bird_view(calibration, settings.bird_view))
+    return replace(start(calibration, settings), calibration=detector.calibration)
 
 
 def detect(

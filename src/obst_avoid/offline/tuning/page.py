@@ -3,7 +3,7 @@
 import base64
 import os
 import threading
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import cv2
 from nicegui import app, run, ui
@@ -89,7 +89,14 @@ class Desk:
 
     def save(self) -> List[str]:
         """Write the settings. Returns the paths. Raises OSError, SettingsError."""
-        return tuning.save(self.after, self.config, self.output)
+        return tuning.save(self._everything(), self.config, self.output)
+
+    def existing(self) -> List[str]:
+        """Files that would be written over."""
+        return tuning.existing(self._everything(), self.output)
+
+    def _everything(self) -> Values:
+        return self.after if self.robot is None else {**self.after, **self.robot.others()}
 
 
 def serve(desk: Desk, port: int, ready: Callable[[], None]) -> None:
@@ -123,11 +130,14 @@ class Page:
         self._results: Dict[str, Result] = {}
         self._stale, self._hold, self._busy, self._failed = True, False, False, False
         self._controls: Dict[Tuple[str, str], List[Any]] = {}
+        self._connections = 0
+        self._different: Optional[List[Any]] = None
 
     def build(self) -> None:
         """Lay everything out."""
         desk = self._desk
-        self._client = ui.context.client
+        ui.context.client.on_connect(lambda: self._count(1))
+        ui.context.client.on_disconnect(lambda: self._count(-1))
         ui.add_css('.q-table td { white-space: normal; vertical-align: top } .nicegui-content { max-width: none }')
         with ui.header().classes('items-center q-py-xs'):
             ui.label('obst_avoid: %s' % desk.title()).classes('text-h6')
@@ -160,6 +170,10 @@ class Page:
         ui.timer(PERIOD, self._look)
         if desk.robot is not None:
             ui.timer(LIVE_PERIOD, self._next_live)
+
+    def _count(self, more: int) -> None:
+        """Of connections: a browser that comes back may be heard of before its old one has gone."""
+        self._connections += more
 
     def _build_panels(self, count: int) -> None:
         """So many rows of a title and a picture for each side."""
@@ -216,12 +230,15 @@ class Page:
         """A slider and a number, or words to choose from. What is wrong is said at the top, and not taken."""
         value = tuning.get(self._desk.after, item)
 
-        async def take(new: Any) -> None:
-            if new is not None and new != tuning.get(self._desk.after, item):
-                await self._change(item, new)
-
         async def changed(event: Any) -> None:
-            await take(event.value)
+            if event.value is not None and event.value != tuning.get(self._desk.after, item):
+                await self._change(item, event.value)
+
+        async def meant(event: Any) -> None:
+            try:
+                await self._change(item, float(event.args))
+            except ValueError:  # an empty field
+                self._show_value(item)
 
         with ui.row().classes('w-full items-center no-wrap gap-2'):
             label = ui.label(_short(item)).classes('w-44 text-caption')
@@ -236,9 +253,8 @@ class Page:
                     slider.on_value_change(changed)
                     number.on_value_change(changed)
                 else:  # a robot that drives is told what was meant, not what the slider or the typing came by
-                    slider.on('change', lambda event: take(event.args))
-                    number.on('blur', lambda: take(number.value))
-                    number.on('keydown.enter', lambda: take(number.value))
+                    slider.on('change', meant)
+                    number.on('change', meant)
                 controls = [slider.props('dense').classes('grow'), number]
             controls[-1].props('for=%s' % _identity(item))
         self._controls[item.node, item.name] = controls
@@ -255,6 +271,7 @@ class Page:
             return
         self._error.set_text('')
         self._show_value(item)
+        self._show_changes()
         self._stale = True
 
     def _show_value(self, item: Tunable) -> None:
@@ -263,8 +280,11 @@ class Page:
 
     def _show_changes(self) -> None:
         """What is different, each with a way back."""
-        self._changes.clear()
         different = tuning.differences(self._desk.before, self._desk.after)
+        if different == self._different:  # a button that is made anew under the mouse is not pressed
+            return
+        self._different = different
+        self._changes.clear()
         with self._changes:
             ui.label('Changed:' if different else 'Nothing is changed yet: move a slider.').classes('text-bold')
             for item, old, new in different:
@@ -274,14 +294,17 @@ class Page:
                 )
 
     def _next_live(self) -> None:
+        assert self._desk.robot is not None
         if not self._hold:
             self._picture, self._stale = None, True
+        self._shown['after', 'decision'].set_text('The robot: %s' % self._desk.robot.decision())
 
     async def _look(self) -> None:
         """Compute and draw again what is not true any more; one at a time."""
-        if not self._stale or self._busy or not self._client.has_socket_connection:  # nobody looks
+        if not self._stale or self._busy or self._connections < 1:  # nobody looks
             return
         self._stale, self._busy = False, True
+        failing = SIDES
         try:
             desk = self._desk
             picture, index = self._picture, desk.index
@@ -295,11 +318,10 @@ class Page:
             for side, values in (('before', desk.before), ('after', desk.after)):
                 if side == 'before' and side in self._results:
                     continue
+                failing = (side,)
                 result = await run.io_bound(result_of, picture, desk.calibration, values)
                 self._results[side] = result
                 self._draw(side, result)
-            if desk.robot is not None:
-                self._shown['after', 'decision'].set_text('The robot: %s' % desk.robot.decision())
             if self._failed:
                 self._error.set_text('')
             self._failed = False
@@ -307,16 +329,17 @@ class Page:
         except ERRORS as error:
             self._error.set_text(tool.why_os(error) if isinstance(error, OSError) else str(error))
             self._failed = True
-            self._clear()
+            self._clear(failing)
         finally:
             self._busy = False
 
-    def _clear(self) -> None:
+    def _clear(self, sides: Sequence[str]) -> None:
         """Nothing is better than what is not true any more."""
-        self._results.clear()
-        for side in SIDES:
+        for side in sides:
+            self._results.pop(side, None)
             self._shown[side, 'found'].set_text('')
-            self._shown[side, 'decision'].set_text('')
+            if self._desk.robot is None or side == 'before':
+                self._shown[side, 'decision'].set_text('')
             self._shown[side, 'table'].rows = []
             self._shown[side, 'table'].update()
             for cell, _, _ in self._panels[side]:
@@ -324,7 +347,8 @@ class Page:
 
     def _draw(self, side: str, result: Result) -> None:
         self._shown[side, 'found'].set_text('Found %s' % result.found)
-        self._shown[side, 'decision'].set_text('Standing here: %s' % result.decision)
+        if self._desk.robot is None or side == 'before':
+            self._shown[side, 'decision'].set_text('Standing here: %s' % result.decision)
         table = self._shown[side, 'table']
         table.rows = [{'id': number, **row} for number, row in enumerate(result.rows)]
         table.update()
@@ -336,7 +360,7 @@ class Page:
                 image.set_source(_url(order[number][1]))
 
     def _save(self) -> None:
-        there = tuning.existing(self._desk.output)
+        there = self._desk.existing()
         if not there:
             self._write()
             return

@@ -1,5 +1,6 @@
 """A running robot: its settings, its camera, and what it decides. Settings are changed where rqt_reconfigure would."""
 
+import queue
 import threading
 import time
 from typing import Any, Dict, Optional, Tuple
@@ -11,16 +12,25 @@ from dynamic_reconfigure.client import Client
 from sensor_msgs.msg import CompressedImage, Image
 
 from obst_avoid.core.picture import PictureError
+from obst_avoid.core.settings_text import changed, flat
 from obst_avoid.core.types import Array
 from obst_avoid.msg import LaneControl
 from obst_avoid.offline import tool
-from obst_avoid.offline.tuning.settings import AVOIDER, DETECTOR, NODES, Tunable, Values, from_parameters
+from obst_avoid.offline.tuning.settings import AVOIDER, DETECTOR, NODES, OTHERS, Tunable, Values, from_parameters
 from obst_avoid.ros import border
 
 WAIT = 5.0
 """[s] of wall time for a node to answer."""
 OLD = 2.0
 """[s] of wall time since a picture or a decision came, after which it is said how old it is."""
+ERRORS = (
+    DynamicReconfigureCallbackException,
+    DynamicReconfigureParameterException,
+    rospy.ROSException,
+    rospy.ServiceException,
+    OSError,
+)
+"""Of a call of dynamic_reconfigure's client."""
 
 
 class Robot:
@@ -87,26 +97,44 @@ class Robot:
     def values(self) -> Values:
         """The settings that the nodes run with. Raises ToolError."""
         found = {}
-        for node in self._clients:
-            try:
-                parameters = rospy.get_param('/%s/%s' % (self.veh, node))
-            except (KeyError, OSError, rosgraph.MasterException) as error:
-                raise tool.ToolError('%s of %s has no parameters any more' % (node, self.veh)) from error
-            found[node] = from_parameters(parameters, node)
+        for node, client in self._clients.items():
+            nested, config = from_parameters(self._parameters(node), node), client.get_configuration(WAIT)
+            if config is None:
+                raise tool.ToolError('/%s/%s does not say how it is tuned, expected it to run' % (self.veh, node))
+            for name, path in flat(nested).items():
+                if name in config:  # a change that could not be kept as a parameter holds all the same
+                    nested = changed(nested, path, config[name])
+            found[node] = nested
         return found
 
-    def change(self, item: Tunable, value: Any) -> None:
-        """Set one there. Raises ToolError when the node is gone or did not take it."""
-        name = '/%s/%s' % (self.veh, item.node)
+    def others(self) -> Values:
+        """Those of the nodes that cannot be tuned, as far as they run. Raises ToolError."""
+        names = [name for name in OTHERS if rospy.has_param('/%s/%s' % (self.veh, name))]
+        return {name: self._parameters(name) for name in names}
+
+    def _parameters(self, node: str) -> Dict[str, Any]:
         try:
-            after = self._clients[item.node].update_configuration({item.name: value})
-        except (
-            DynamicReconfigureCallbackException,
-            DynamicReconfigureParameterException,
-            rospy.ROSException,
-            rospy.ServiceException,
-            OSError,
-        ) as error:
-            raise tool.ToolError('%s did not take %s = %s: %s' % (name, item.name, value, error)) from error
+            return dict(rospy.get_param('/%s/%s' % (self.veh, node)))
+        except (KeyError, OSError, rosgraph.MasterException) as error:
+            raise tool.ToolError('%s of %s has no parameters any more' % (node, self.veh)) from error
+
+    def change(self, item: Tunable, value: Any) -> None:
+        """Set one there. Raises ToolError when the node is gone, hangs, or did not take it."""
+        what = '/%s/%s' % (self.veh, item.node), item.name, value
+        answer: queue.Queue[Any] = queue.Queue()
+
+        def call() -> None:
+            try:
+                answer.put(self._clients[item.node].update_configuration({item.name: value}))
+            except ERRORS as error:
+                answer.put(error)
+
+        threading.Thread(target=call, daemon=True).start()  # the call itself would wait for ever
+        try:
+            after = answer.get(timeout=WAIT)
+        except queue.Empty as error:
+            raise tool.ToolError('%s does not answer; whether it took %s = %s is not known' % what) from error
+        if isinstance(after, Exception):
+            raise tool.ToolError('%s did not take %s = %s: %s' % (*what, after)) from after
         if after is None or after[item.name] != value:
-            raise tool.ToolError('%s did not take %s = %s; its log says why' % (name, item.name, value))
+            raise tool.ToolError('%s did not take %s = %s; its log says why' % what)

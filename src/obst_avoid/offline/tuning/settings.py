@@ -2,7 +2,6 @@
 
 import ast
 import os
-import shutil
 from dataclasses import dataclass, fields
 from typing import Any, Dict, List, Mapping, Sequence, Tuple, Type
 
@@ -33,8 +32,12 @@ NODES = {
     AVOIDER: Node(('obstacle_avoidance_node.yaml', 'lane_estimate.yaml'), AvoidanceSettings, ObstacleAvoidanceConfig),
     CONTROLLER: Node(('lane_controller_node.yaml', 'lane_estimate.yaml'), LaneControlSettings, LaneControllerConfig),
 }
-OTHERS = ('car_cmd_guard_node.yaml', 'daffy_adapter_node.yaml', 'simulation.yaml')
-"""Files that launch files read too; they are added to a folder as they are."""
+OTHERS = {
+    'car_cmd_guard_node': 'car_cmd_guard_node.yaml',
+    'daffy_adapter_node': 'daffy_adapter_node.yaml',
+    'simulator_node': 'simulation.yaml',
+}
+"""Nodes that cannot be tuned, and their files, which launch files read too."""
 
 
 @dataclass(frozen=True)
@@ -115,37 +118,43 @@ def differences(before: Values, after: Values) -> List[Tuple[Tunable, Any, Any]]
     return found
 
 
-def existing(folder: str) -> List[str]:
-    """Files of settings that a folder has already."""
-    names = sorted({file for node in NODES.values() for file in node.files})
-    return [name for name in names if os.path.lexists(os.path.join(folder, name))]
+def files_of(values: Values) -> Dict[str, str]:
+    """Name of each file that is written with values, and the node whose they are."""
+    found: Dict[str, str] = {}
+    for name, node in NODES.items():
+        for file in node.files:
+            if name in values:
+                found.setdefault(file, name)
+    found.update({file: name for name, file in OTHERS.items() if name in values})
+    return found
+
+
+def existing(values: Values, folder: str) -> List[str]:
+    """Files that a folder has already, and that would be written over."""
+    return [name for name in sorted(files_of(values)) if os.path.lexists(os.path.join(folder, name))]
 
 
 def save(values: Values, config: str, folder: str) -> List[str]:
     """Write a folder of settings that --config and config:= take: the files of config, or the package's own, with
-    their comments, and the values as they are now. Returns the paths. Raises OSError, SettingsError.
+    their comments, and the values as they are now. Files of other nodes are added, and left alone where they are.
+    Returns the paths. Raises OSError, SettingsError.
     """
     os.makedirs(folder, exist_ok=True)
-    written = []
-    for name, node in NODES.items():
-        for file in node.files:
-            path = os.path.join(folder, file)
-            if path in written:
-                continue
-            with open(tool.settings_file(config, file), encoding='utf-8') as opened:
-                text = opened.read()
-            now = values.get(name, {})
-            other = {item.path: value_at(now, item.path) for item in described(text) if _differs(item, now)}
-            with tool.whole(path) as part, open(part, 'w', encoding='utf-8') as out:
-                out.write(with_values(text, other))
-            written.append(path)
-    for file in OTHERS:
-        path = os.path.join(folder, file)
-        if not os.path.lexists(path):
-            source = tool.settings_file(config, file)
-            with tool.whole(path) as part:
-                shutil.copyfile(source if os.path.exists(source) else tool.settings_file('', file), part)
-            written.append(path)
+    written, ours = [], files_of(values)
+    everything = {*(file for node in NODES.values() for file in node.files), *OTHERS.values()}
+    for file in sorted(everything):
+        path, source = os.path.join(folder, file), tool.settings_file(config, file)
+        if file not in ours and os.path.lexists(path):
+            continue
+        if not os.path.exists(source):  # of a folder for tools
+            source = tool.settings_file('', file)
+        with open(source, encoding='utf-8') as opened:
+            text = opened.read()
+        now = values[ours[file]] if file in ours else {}
+        other = {item.path: value_at(now, item.path) for item in described(text) if _differs(item, now)}
+        with tool.whole(path) as part, open(part, 'w', encoding='utf-8') as out:
+            out.write(with_values(text, other))
+        written.append(path)
     return written
 
 
