@@ -18,13 +18,16 @@ RUN source /opt/ros/noetic/setup.bash \
       -DCMAKE_INSTALL_PREFIX=/opt/obst_avoid \
  && cmake --build /tmp/build && cmake --install /tmp/build && rm -rf /tmp/build
 
+# For shells, docker exec -it obst_avoid bash, as for what runs.
+RUN printf '%s\n' 'source /opt/ros/noetic/setup.bash' \
+      'if [ -f /code/catkin_ws/devel/setup.bash ]; then source /code/catkin_ws/devel/setup.bash; fi' \
+      'source /opt/obst_avoid/setup.bash --extend' > /opt/obst_avoid/everything.bash \
+ && echo 'source /opt/obst_avoid/everything.bash' >> /root/.bashrc
+
 ENV VEHICLE_NAME=duckiebot
 # Calibrations and the graph come from the host: docker run --network host -v /data:/data -e VEHICLE_NAME=$(hostname) obst_avoid
 # Beside today's stack: -e LAUNCH=daffy.launch
 ENV LAUNCH=obst_avoid.launch
 # More arguments: -e ARGUMENTS='stage:=stop_only lane_controller:=true'
 ENV ARGUMENTS=
-CMD source /opt/ros/noetic/setup.bash \
- && if [ -f /code/catkin_ws/devel/setup.bash ]; then source /code/catkin_ws/devel/setup.bash; fi \
- && source /opt/obst_avoid/setup.bash --extend \
- && exec roslaunch --wait obst_avoid ${LAUNCH} veh:=${VEHICLE_NAME} ${ARGUMENTS}
+CMD source /opt/obst_avoid/everything.bash && exec roslaunch --wait obst_avoid ${LAUNCH} veh:=${VEHICLE_NAME} ${ARGUMENTS}
