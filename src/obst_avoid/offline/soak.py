@@ -34,7 +34,7 @@ APPEARS = 1.2
 NEAR = 0.6
 """[m] between robot and obstacle; a stop that begins farther from all of them has no cause."""
 FOR_NOTHING = 0.015
-"""[1/m] stops without a cause, at most: measured are one in 150 to 210 m, at a yellow dash in a tight curve."""
+"""[1/m] stops without a cause, at most: measured are four in 570 m, at yellow dashes in tight curves."""
 GROWTH, SPARE = 1.05, 5.0
 """Ratio, and [MB] or [ms], by which the end may exceed the beginning."""
 
