@@ -11,6 +11,7 @@ import sqlite3
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, Iterator, List, Tuple
 
 import pytest
@@ -705,6 +706,13 @@ class TestInParallel:
         assert process.returncode == 1
         assert 0 < len(finished(output)) < 6
 
+    @pytest.mark.parametrize('when', ['cancelled', 'result'])
+    def test_the_scheduler_goes_with_a_result(self, monkeypatch: pytest.MonkeyPatch, when: str) -> None:
+        monkeypatch.setattr('distributed.as_completed', Completed)
+        monkeypatch.setattr(Future, when, lost if when == 'result' else lambda _: True)
+        with pytest.raises(ToolError, match='the scheduler at tcp://gone:1 is gone; the same call goes on'):
+            list(workers.work_through(Client(), None, tasks.Job(()), [tasks.Task('0')]))
+
     def test_workers_that_cannot_start(self, drawn: Path, tmp_path: Path) -> None:
         call = [*PAPER, '--labels', str(drawn / 'labels.json'), '--output', str(tmp_path / 'out'), '--jobs', '2']
         done = subprocess.run(
@@ -783,10 +791,18 @@ class Future:
         self._client.running -= 1
 
 
+def lost(_: Future) -> Any:
+    """Dask raises the class of concurrent.futures, which since Python 3.8 is not asyncio's."""
+    from distributed.client import CancelledError
+
+    raise CancelledError('evaluate-0')
+
+
 class Client:
     """Dask's, as far as work_through knows it."""
 
     loop = None
+    scheduler = SimpleNamespace(address='tcp://gone:1')
 
     def __init__(self) -> None:
         self.workers, self.running, self.most = 2, 0, 0

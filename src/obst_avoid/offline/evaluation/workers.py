@@ -1,6 +1,7 @@
 """Dask's workers: on this machine's cores, or those of a scheduler."""
 
 import asyncio
+import concurrent.futures
 import contextlib
 import itertools
 import logging
@@ -25,6 +26,8 @@ PARTS = ('scheduler', 'worker', 'nanny')
 """Of Dask, each with a web page by default."""
 START_SECONDS = 30
 """To find a scheduler and its first worker, or to start one."""
+GONE = (concurrent.futures.CancelledError, asyncio.CancelledError, asyncio.TimeoutError, OSError)
+"""What calls raise when the scheduler has gone, Dask's CommClosedError as an OSError. Nobody here cancels a task."""
 LOGS = ('distributed', 'distributed.client', 'asyncio', 'tornado.application')
 """What they would say of a failure is said in one sentence."""
 Done = Tuple[Task, Optional[Result], str]
@@ -79,8 +82,8 @@ def work_through(
     for future in finished:
         with _scheduler_there(client):
             task = running.pop(future.key[len('evaluate-') :])
-            if future.cancelled():  # nobody here cancels: it was lost with the scheduler
-                raise asyncio.CancelledError
+            if future.cancelled():  # before it was done; result() raises when it is lost on its way
+                raise concurrent.futures.CancelledError
             error = future.exception()
             result = None if error is not None else future.result()
             future.release()
@@ -93,7 +96,7 @@ def _scheduler_there(client: Any) -> Iterator[None]:
     """Raises ToolError when the scheduler is not to be reached any more."""
     try:
         yield
-    except (asyncio.CancelledError, asyncio.TimeoutError, OSError) as error:  # Dask's CommClosedError is an OSError
+    except GONE as error:
         words = (client.scheduler.address, 'the same call goes on where it stopped')
         raise ToolError('the scheduler at %s is gone; %s' % words) from error
 
