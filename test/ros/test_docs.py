@@ -6,6 +6,7 @@ import html
 import importlib
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -122,6 +123,13 @@ def test_there_are_commands_to_look_at() -> None:
     assert {'README.md', 'quick_start_robot.md', 'quick_start_laptop.md', 'quick_start_recordings.md'} <= {
         page for page, _ in COMMANDS
     }
+
+
+def test_programs_of_ros_are_installed() -> None:
+    words = {word for page in PAGES for code in code_of(page.read_text(encoding='utf-8')) for word in code.split()}
+    named = {word for word in words if re.fullmatch('ros(bag|launch|node|pack|param|run|service|test|topic|core)', word)}
+    assert {'rosnode', 'rosservice', 'rostopic'} <= named
+    assert not {name for name in named if not shutil.which(name)}
 
 
 @pytest.mark.parametrize(
