@@ -127,7 +127,7 @@ def test_there_are_commands_to_look_at() -> None:
 
 def test_programs_of_ros_are_installed() -> None:
     words = {word for page in PAGES for code in code_of(page.read_text(encoding='utf-8')) for word in code.split()}
-    named = {word for word in words if re.fullmatch('ros(bag|launch|node|pack|param|run|service|test|topic|core)', word)}
+    named = {word for word in words if re.fullmatch('ros(bag|launch|node|pack|param|run|service|topic)', word)}
     assert {'rosnode', 'rosservice', 'rostopic'} <= named
     assert not {name for name in named if not shutil.which(name)}
 
