@@ -45,7 +45,7 @@ bench: build
 
 docs: build
 	@bash deps/install docs
-	@$(DEVEL) /usr/bin/python3 -m sphinx -W --keep-going -q -b html docs $(BUILD)/docs
+	@$(DEVEL) /usr/bin/python3 -m sphinx -a -W --keep-going -q -b html docs $(BUILD)/docs
 	@echo "$(BUILD)/docs/index.html"
 
 lint: setup
