@@ -96,11 +96,11 @@ class Controller(unittest.TestCase):
         self.comes_to(0.0, CRUISE)
 
     def test_left_of_the_centre_turns_right(self) -> None:
-        self.turns(Robot(d=0.08), -0.1)
+        self.turns(Robot(d=0.08), -0.06)
         self.comes_to(0.0, CRUISE)
 
     def test_right_of_the_centre_turns_left(self) -> None:
-        self.turns(Robot(d=-0.08), 0.1)
+        self.turns(Robot(d=-0.08), 0.06)
         self.comes_to(0.0, CRUISE)
 
     def test_turned_left_turns_right(self) -> None:
