@@ -33,12 +33,12 @@ BIRD_VIEW = read_yaml(str(REPOSITORY / 'config' / 'bird_view.yaml'))
 DRIVE = simulated_bag.scripted()
 PICTURES = '/simulated/camera_node/image/compressed'
 FEWEST = 70
-"""Of 255 pictures. The detector takes the newest and drops the others, on a busy machine many."""
+"""Of 279 pictures. The detector takes the newest and drops the others, on a busy machine many."""
 RATES = (1.0, 0.4)
 """Of the player: when too few were answered it plays again, slower."""
 SETTLED = 0.5
 """[s] into the drive, after which the tracker has confirmed what it sees."""
-EMPTY = 8.25
+EMPTY = simulated_bag.DRIVES_ON + 2.95
 """[s] into the drive, when the last duckie has dropped out of the bird view."""
 FORGETTING = {'paper': 0.1, 'robust': 0.8}
 """[s] after which what went away is not reported any more; robust goes by several pictures, of which some are lost."""

@@ -14,11 +14,11 @@ import rostest
 from helpers import Inbox, Prepared, nanoseconds, run_program
 
 from obst_avoid.msg import BoolStamped, LaneControl, Twist2DStamped
+from obst_avoid.offline.simulated_bag import PICTURES
 
 NAMES = {0: 'CLEAR', 1: 'SLOWING', 2: 'AVOIDING', 3: 'STOPPED', 4: 'FAULT'}
 REACTION = 0.4
 """[s] of ROS time that controller and network may take, before the wheels stand or drive again."""
-PICTURES = 255
 
 
 class Graph(Prepared):

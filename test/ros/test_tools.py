@@ -57,8 +57,7 @@ TOOLS = {
     'simulated_bag': simulated_bag,
 }
 CONE = SCENE.things[1]
-PICTURES = 255
-"""In the simulated bag."""
+PICTURES = simulated_bag.PICTURES
 CHECKED = 100
 """Pictures of the simulated bag, up to where the stop is only remembered."""
 

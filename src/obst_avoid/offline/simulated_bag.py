@@ -29,13 +29,16 @@ from obst_avoid.sim.things import Thing
 from obst_avoid.sim.town import Route, Town, WorldPose, follow, pose_at, town_from_mapping
 
 RATE = 30.0
-DURATION = 8.5
+DURATION = 9.3
+PICTURES = int(DURATION * RATE)
 SPEED = 0.2
 VEHICLE = 'simulated'
 BEGIN = 0.6
 """[m] along the lane from the road's western end."""
-STANDS, DUCKIE_GONE, DRIVES_ON = 2.35, 3.35, 5.3
-"""[s] into the drive."""
+STANDS, DUCKIE_GONE, DRIVES_ON = 2.35, 3.35, 6.1
+"""[s] into the drive. No motion is recorded, so the duckie is remembered for 2 s and the stop for 1 s more: it ends
+soon after DRIVES_ON, a second before the next duckie counts.
+"""
 LIGHT = Light(lamps=(Lamp(azimuth=math.pi, elevation=0.5, share=0.3, size=0.5),))
 """White and bright, a large window behind the robot: a shaded foot is too dark for the report's yellow."""
 SURFACES = Surfaces(yellow=(0.52, 0.325, 0.023))
@@ -118,7 +121,7 @@ def frames(calibration: Calibration) -> Iterator[Tuple[int, bytes]]:
     """The whole drive: stamp [ns] and JPEG of each picture."""
     camera, drive = Camera(calibration), scripted()
     camera.settle(*drive.at(0.0))
-    for index in tool.progress(range(int(DURATION * RATE)), 'rendering'):
+    for index in tool.progress(range(PICTURES), 'rendering'):
         scene, pose = drive.at(index / RATE)
         yield tool.stamp_of_frame(index, RATE), encode_jpeg(camera.take(scene, pose, index))
 
