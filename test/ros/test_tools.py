@@ -41,7 +41,7 @@ from obst_avoid.offline import (
     show_steps,
     simulated_bag,
 )
-from obst_avoid.offline.tool import ToolError
+from obst_avoid.offline.tool import ToolError, picture_files
 from obst_avoid.ros import border
 from obst_avoid.sim.renderer import RenderError
 
@@ -702,6 +702,14 @@ class TestRunBag:
         assert run_bag.main([*DEFAULT, bag, '--output', str(path)]) == 1
         assert '%s exists' % path in sentence('run_bag')
         assert path.read_text() == 'precious'
+
+
+def test_pictures_come_in_the_order_in_which_people_count(tmp_path: Path) -> None:
+    names = ['9_999999999.jpg', '10_000000000.jpg', 'a2.png', 'a02.png', 'a10.png', 'A1.JPG', 'b.jpeg']
+    for name in names:
+        (tmp_path / name).touch()
+    wanted = ['9_999999999.jpg', '10_000000000.jpg', 'A1.JPG', 'a02.png', 'a2.png', 'a10.png', 'b.jpeg']
+    assert picture_files([str(tmp_path)]) == [str(tmp_path / name) for name in wanted]
 
 
 def test_a_folder_as_a_recording(pictures: Path, tmp_path: Path) -> None:

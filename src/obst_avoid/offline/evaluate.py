@@ -336,7 +336,7 @@ def _contained(path: str) -> Tuple[List[str], List[str]]:
     """Pictures and bags of a PATH."""
     if not os.path.isdir(path):
         return ([], [path]) if path.endswith(BAG_ENDING) else ([path], [])
-    names = sorted(os.listdir(path))
+    names = tool.in_order(os.listdir(path))
     files = [os.path.join(path, name) for name in names if name.lower().endswith(tool.PICTURE_ENDINGS)]
     return files, [os.path.join(path, name) for name in names if name.endswith(BAG_ENDING)]
 

@@ -78,7 +78,7 @@ def bags_of(path: str) -> List[str]:
     """A bag, or those in a folder. Raises ToolError."""
     if not os.path.isdir(path):
         return [path]
-    bags = sorted(os.path.join(path, name) for name in os.listdir(path) if name.endswith('.bag'))
+    bags = [os.path.join(path, name) for name in tool.in_order(os.listdir(path)) if name.endswith('.bag')]
     if not bags:
         raise ToolError('%s has no bag, expected a folder that record made' % path)
     return bags

@@ -7,6 +7,7 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import sys
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, TypeVar
 
@@ -190,12 +191,22 @@ def package_folder() -> str:
     return str(rospkg.RosPack().get_path('obst_avoid'))
 
 
+def in_order(names: Iterable[str]) -> List[str]:
+    """Sorted as people count: picture_2 before picture_10, and 9_5.jpg, named by its stamp, before 10_0.jpg."""
+
+    def counted(name: str) -> Any:
+        parts = re.split('([0-9]+)', name)  # every second one is a number
+        return [int(part) if index % 2 else part for index, part in enumerate(parts)], name
+
+    return sorted(names, key=counted)
+
+
 def picture_files(paths: Sequence[str]) -> List[str]:
     """The picture files among files and folders, in order; a file that was named is taken whatever its ending."""
     files: List[str] = []
     for path in paths:
         if os.path.isdir(path):
-            inside = sorted(name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS))
+            inside = in_order(name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS))
             files += [os.path.join(path, name) for name in inside]
         elif os.path.exists(path):
             files.append(path)
