@@ -11,6 +11,7 @@ import numpy as np
 
 from obst_avoid.core.calibration import Calibration, CalibrationError, horizon_row
 from obst_avoid.core.geometry import ground_from_pixel, image_from_rectified
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.settings import number
 from obst_avoid.core.types import Array, Box
 
@@ -56,7 +57,7 @@ def make_bird_view(calibration: Calibration, settings: BirdViewSettings) -> Bird
     Raises CalibrationError when nothing of the road is left.
     """
     width, height = calibration.width, calibration.height
-    limit = np.linalg.inv(calibration.homography) @ (settings.crop_distance, 0, 1)
+    limit = inverted(calibration.homography) @ (settings.crop_distance, 0, 1)
     horizon = max(horizon_row(calibration.homography, u) for u in (0, width - 1))
     crop_row = max(0, math.ceil(horizon + settings.horizon_margin * height))
     if limit[2] > 0:
@@ -129,7 +130,7 @@ def footprint_box(view: BirdView, x: float, y: float, radius: float) -> Box:
 def image_from_bird(view: BirdView, pixels: Array) -> Array:
     """(N, 2) columns u, v of the bird view to (N, 2) columns u, v of the camera picture as it came."""
     points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-    cropped = cv2.perspectiveTransform(points, np.linalg.inv(view.from_crop)).reshape(-1, 2)
+    cropped = cv2.perspectiveTransform(points, inverted(view.from_crop)).reshape(-1, 2)
     return image_from_rectified(view.calibration, cropped + (0, view.crop_row))
 
 

@@ -12,6 +12,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.settings import SettingsError, read_yaml
 from obst_avoid.core.types import Array
 
@@ -137,7 +138,7 @@ def scaled(calibration: Calibration, width: int, height: int) -> Calibration:
         height=height,
         camera_matrix=resize @ calibration.camera_matrix,
         projection=resize @ calibration.projection,
-        homography=calibration.homography @ np.linalg.inv(resize),
+        homography=calibration.homography @ inverted(resize),
     )
 
 
@@ -170,7 +171,7 @@ def camera_from_robot(calibration: Calibration) -> Tuple[Array, Array]:
     The homography of a plane holds two columns of the rotation and the translation (Zhang 2000); the rotation is
     the nearest to them. The camera frame is the rectified one.
     """
-    columns = np.linalg.inv(calibration.projection) @ np.linalg.inv(calibration.homography)
+    columns = inverted(calibration.projection) @ inverted(calibration.homography)
     columns = columns / (0.5 * (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])))
     ahead = calibration.homography @ (calibration.width / 2, calibration.height - 1, 1)
     if (columns @ (ahead / ahead[2]))[2] < 0:
@@ -256,7 +257,7 @@ def _homography(extrinsic: Mapping[str, Any], projection: Array, width: int, hei
         raise CalibrationError('%s: frame = %r, expected robot' % (path, frame))
     form = extrinsic.get('format')
     if form == 'resolution-independent':  # maps the rectified ray (x / z, y / z, 1)
-        result: Array = homography @ np.linalg.inv(projection)
+        result: Array = homography @ inverted(projection)
         return result
     if form is not None:
         raise CalibrationError(
@@ -268,7 +269,7 @@ def _homography(extrinsic: Mapping[str, Any], projection: Array, width: int, hei
             '%s: homography is for 640x480 pixels, expected an intrinsic calibration of that aspect, not %dx%d'
             % (path, width, height)
         )
-    return homography @ np.linalg.inv(_resize(sx, sy))
+    return homography @ inverted(_resize(sx, sy))
 
 
 def _resize(sx: float, sy: float) -> Array:
@@ -326,7 +327,7 @@ def _oddities(calibration: Calibration) -> List[str]:
             '%s: homography puts the camera %.3f m above the road, expected %g to %g m'
             % ((path, height) + CAMERA_HEIGHT)
         )
-    columns = np.linalg.inv(calibration.projection) @ np.linalg.inv(calibration.homography)
+    columns = inverted(calibration.projection) @ inverted(calibration.homography)
     first, second = np.linalg.norm(columns[:, 0]), np.linalg.norm(columns[:, 1])
     if not 0.8 <= first / second <= 1.25:
         odd.append('%s: homography stretches x by %.2f against y, expected about 1' % (path, first / second))

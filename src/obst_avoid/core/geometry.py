@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from obst_avoid.core.calibration import Calibration
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.types import Array, LanePose
 
 STRAIGHT = 1e-6
@@ -33,7 +34,7 @@ def pixel_from_ground(homography: Array, ground: Array) -> Array:
     homography: (3, 3) as in Calibration. ground: (N, 2) float64, columns x, y in m, robot frame.
     Returns (N, 2) float64, columns u, v. Raises ValueError for a point that lies behind the camera.
     """
-    points = np.column_stack([ground, np.ones(len(ground))]) @ np.linalg.inv(homography).T
+    points = np.column_stack([ground, np.ones(len(ground))]) @ inverted(homography).T
     if (points[:, 2] <= 0).any():
         raise ValueError('%d of %d points lie behind the camera' % ((points[:, 2] <= 0).sum(), len(points)))
     pixels: Array = points[:, :2] / points[:, 2:]
@@ -46,7 +47,7 @@ def image_from_rectified(calibration: Calibration, pixels: Array) -> Array:
     pixels: (N, 2) float64, columns u, v. Returns (N, 2) float64, columns u, v; possibly outside the picture.
     """
     rays = np.column_stack([pixels, np.ones(len(pixels))])
-    rays = rays @ np.linalg.inv(calibration.projection @ calibration.rectification).T
+    rays = rays @ inverted(calibration.projection @ calibration.rectification).T
     image, _ = cv2.projectPoints(
         rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), calibration.camera_matrix, calibration.distortion
     )

@@ -23,6 +23,7 @@ import numpy as np
 
 from obst_avoid.core.age import NANOSECONDS, age
 from obst_avoid.core.geometry import lane_from_robot
+from obst_avoid.core.matrices import inverted, solved
 from obst_avoid.core.motion import Motion, inverse, motion_between, then
 from obst_avoid.core.settings import number
 from obst_avoid.core.types import Array, Command, LanePose, Stamped
@@ -328,8 +329,8 @@ def _worth(
 def _beginning(said: Belief, settings: LaneEstimateSettings) -> Belief:
     """The first belief: what is said, and that lanes are straight and robots do not pull, as far as that goes."""
     known = np.diag([0.0, 0.0, settings.bend_spread**-2, settings.pull_spread**-2])
-    covariance = np.linalg.inv(np.linalg.inv(said.covariance) + known)
-    return Belief(covariance @ np.linalg.solve(said.covariance, said.mean), (covariance + covariance.T) / 2)
+    covariance = inverted(inverted(said.covariance) + known)
+    return Belief(covariance @ solved(said.covariance, said.mean), (covariance + covariance.T) / 2)
 
 
 def _counted(said: Belief, factor: float) -> Belief:
@@ -340,13 +341,13 @@ def _counted(said: Belief, factor: float) -> Belief:
 def _disagreement(one: Belief, other: Belief) -> float:
     """Standard deviations between two beliefs, of offset and heading."""
     miss = (other.mean - one.mean)[:2]
-    return math.sqrt(float(miss @ np.linalg.solve((one.covariance + other.covariance)[:2, :2], miss)))
+    return math.sqrt(float(miss @ solved((one.covariance + other.covariance)[:2, :2], miss)))
 
 
 def _weighed(before: Belief, said: Belief, gate: float) -> Belief:
     """A Kalman update. What is farther off than the gate counts the less, but not nothing for ever."""
     said = _counted(said, (_disagreement(before, said) / gate) ** 2)
-    gain = np.linalg.solve(before.covariance + said.covariance, before.covariance).T
+    gain = solved(before.covariance + said.covariance, before.covariance).T
     keep = np.eye(4) - gain
     covariance = keep @ before.covariance @ keep.T + gain @ said.covariance @ gain.T
     return Belief(before.mean + gain @ (said.mean - before.mean), covariance)

@@ -8,6 +8,7 @@ import numpy as np
 
 from obst_avoid.core.calibration import Calibration
 from obst_avoid.core.geometry import image_from_rectified
+from obst_avoid.core.matrices import inverted, solved
 from obst_avoid.core.types import Array
 
 FARTHEST = 30.0
@@ -42,7 +43,7 @@ class Lens:
 
     def pixels_from_ground(self, ground: Array) -> Array:
         """(N, 2) of the robot frame, m, ahead of the camera, to (N, 2) of the picture."""
-        points = np.column_stack([ground, np.ones(len(ground))]) @ np.linalg.inv(self.calibration.homography).T
+        points = np.column_stack([ground, np.ones(len(ground))]) @ inverted(self.calibration.homography).T
         return image_from_rectified(self.calibration, points[:, :2] / np.maximum(points[:, 2:], 1e-6))
 
 
@@ -50,7 +51,7 @@ def lay_out(calibration: Calibration) -> Lens:
     """Follow each pixel's ray. The ground is where the homography says, so that the road is seen exactly there."""
     width, height = calibration.width, calibration.height
     projection = _projection(calibration)
-    eye = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    eye = -solved(projection[:, :3], projection[:, 3])
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     rectified = _rectified(calibration, pixels)
@@ -63,7 +64,7 @@ def lay_out(calibration: Calibration) -> Lens:
     ground = points[:, :2] / np.where(on_ground, points[:, 2], 1.0)[:, None]
     on_ground &= np.hypot(ground[:, 0], ground[:, 1]) < FARTHEST
     ground[~on_ground] = 0
-    rays = homogeneous @ np.linalg.inv(calibration.projection).T @ np.linalg.inv(projection[:, :3]).T
+    rays = homogeneous @ inverted(calibration.projection).T @ inverted(projection[:, :3]).T
     room = np.column_stack(
         [
             np.arctan2(rays[:, 1], rays[:, 0]),
@@ -95,7 +96,7 @@ def _rectified(calibration: Calibration, pixels: Array) -> Array:
     radius = np.linspace(0, math.sqrt(_fold(calibration)), 20001)
     squared = radius**2
     bent = radius * (1 + squared * (k1 + squared * (k2 + squared * k3)))
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(calibration.camera_matrix).T
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ inverted(calibration.camera_matrix).T
     goal, shift = rays[:, :2], np.zeros((len(pixels), 2))
     for _ in range(ITERATIONS):
         radial = goal - shift
@@ -116,7 +117,7 @@ def _projection(calibration: Calibration) -> Array:
     A measured homography has axes that are not quite at right angles; camera_from_robot would mend that, and things
     would stand a little beside the paint.
     """
-    columns = np.linalg.inv(calibration.projection) @ np.linalg.inv(calibration.homography)
+    columns = inverted(calibration.projection) @ inverted(calibration.homography)
     columns = columns / (0.5 * (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])))
     ahead = calibration.homography @ (calibration.width / 2, calibration.height - 1, 1)
     if (columns @ (ahead / ahead[2]))[2] < 0:

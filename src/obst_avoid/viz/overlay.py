@@ -9,6 +9,7 @@ import numpy as np
 from obst_avoid.core.avoidance.corridor import View
 from obst_avoid.core.bird_view import BirdView, bird_from_ground, image_from_bird
 from obst_avoid.core.geometry import image_from_rectified, pixel_from_ground
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.types import Array, Box, Obstacle, State
 
 INSIDE, OUTSIDE, UNKNOWN = (40, 40, 230), (60, 190, 60), (0, 165, 255)
@@ -204,7 +205,7 @@ def _seen_ground(view: BirdView) -> Array:
     """The sides, as of _cut, of the ground that the bird view shows: inside the cropped picture, and so before the
     camera, since 0 <= u <= right w only where w >= 0.
     """
-    u, v, w = np.linalg.inv(view.calibration.homography)
+    u, v, w = inverted(view.calibration.homography)
     right, low = view.calibration.width - 1, view.calibration.height - 1
     sides: Array = np.array([u, right * w - u, v - view.crop_row * w, low * w - v])
     return sides

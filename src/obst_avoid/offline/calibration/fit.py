@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 
 from obst_avoid.core.calibration import Calibration, camera_from_robot, camera_position
 from obst_avoid.core.geometry import ground_from_pixel
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.types import Array
 from obst_avoid.offline.calibration.paint import WHITE_WIDTH, YELLOW_WIDTH, Line, Tape
 
@@ -141,7 +142,7 @@ def _corrected(calibration: Calibration, rotation: Array, foot: Array, correctio
     scale = correction.height
     raised = np.array([[scale, 0, (1 - scale) * foot[0]], [0, scale, (1 - scale) * foot[1]], [0, 0, 1]])
     projection = calibration.projection
-    homography: Array = raised @ calibration.homography @ projection @ turn @ np.linalg.inv(projection)
+    homography: Array = raised @ calibration.homography @ projection @ turn @ inverted(projection)
     return homography
 
 

@@ -16,6 +16,7 @@ from obst_avoid.core.calibration import Calibration, horizon_row
 from obst_avoid.core.detection.robust import native
 from obst_avoid.core.detection.robust.light import LINEAR
 from obst_avoid.core.geometry import ground_from_pixel, image_from_rectified, pixel_from_ground
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.types import Array
 
 WHITE_WIDTH, YELLOW_WIDTH = 0.048, 0.0245
@@ -152,7 +153,7 @@ def make_sampling(calibration: Calibration) -> LineSampling:
     homography = calibration.homography
     bottom = ground_from_pixel(homography, np.array([[width / 2, height - 1.0]]))[0, 0]
     top = max(horizon_row(homography, u) for u in (0, width - 1)) + MARGIN * height
-    limit = np.linalg.inv(homography) @ (FARTHEST, 0, 1)
+    limit = inverted(homography) @ (FARTHEST, 0, 1)
     last = min(max(top, limit[1] / limit[2]) if limit[2] > 0 else top, height - 2.0)
     farthest = ground_from_pixel(homography, np.array([[width / 2, last]]))[0, 0]
     ahead = np.geomspace(max(bottom, 0.03), max(farthest, 0.1), ROWS)
@@ -164,7 +165,7 @@ def make_sampling(calibration: Calibration) -> LineSampling:
         scans.append(ray[(ray[:, 0] > RAY_BEGIN) & (ray[:, 0] < FARTHEST)])
     ground = np.concatenate(scans)
     scan = np.repeat(np.arange(len(scans)), [len(points) for points in scans])
-    before = np.column_stack([ground, np.ones(len(ground))]) @ np.linalg.inv(homography)[2] > 0
+    before = np.column_stack([ground, np.ones(len(ground))]) @ inverted(homography)[2] > 0
     ground, scan = ground[before], scan[before]  # what lies behind a turned camera has no pixel
     pixels = pixel_from_ground(homography, ground)
     shown = (pixels > -0.5).all(axis=1) & (pixels < (width - 0.5, height - 0.5)).all(axis=1)
@@ -372,7 +373,7 @@ def _fitted(chosen: Array, design: Array, tolerance: Array, crossings: Crossings
     number = np.arange(len(chosen))[:, None]
     for _ in range(2):
         sums = (chosen / (error * scale) ** 2) @ products.T
-        inverse = np.linalg.inv(sums[:, :9].reshape(-1, 3, 3) + np.diag(PRIOR))
+        inverse = np.stack([inverted(one + np.diag(PRIOR)) for one in sums[:, :9].reshape(-1, 3, 3)])
         values = (inverse @ sums[:, 9:, None])[:, :, 0]
         scale = np.sqrt(np.maximum(values[:, 1:2] ** 2 + 1 - 2 * values[:, :1] * values[:, 2:], 0.1))
         beside = (values @ design - y) / scale

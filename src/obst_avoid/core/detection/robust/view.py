@@ -9,6 +9,7 @@ from obst_avoid.core.calibration import Calibration, camera_position
 from obst_avoid.core.detection.robust.lines import LineSampling, make_sampling
 from obst_avoid.core.detection.robust.tracking import CameraPlace
 from obst_avoid.core.geometry import image_from_rectified, rectified_from_image
+from obst_avoid.core.matrices import inverted
 from obst_avoid.core.types import Array
 
 WIDTH = 240
@@ -112,7 +113,7 @@ def in_view(calibration: Calibration, x: float, y: float) -> bool:
 
 def _in_view(calibration: Calibration, ground: Array) -> Array:
     """The same of (N, 2) points, (N,) bool."""
-    u, v, w = np.linalg.inv(calibration.homography) @ np.column_stack([ground, np.ones(len(ground))]).T
+    u, v, w = inverted(calibration.homography) @ np.column_stack([ground, np.ones(len(ground))]).T
     before = w > 1e-9
     rectified = np.column_stack([u, v]) / np.where(before, w, 1.0)[:, None]
     image = image_from_rectified(calibration, rectified)
