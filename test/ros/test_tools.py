@@ -705,10 +705,10 @@ class TestRunBag:
 
 
 def test_pictures_come_in_the_order_in_which_people_count(tmp_path: Path) -> None:
-    names = ['9_999999999.jpg', '10_000000000.jpg', 'a2.png', 'a02.png', 'a10.png', 'A1.JPG', 'b.jpeg']
+    names = ['9_99.jpg', '10_00.jpg', '10.5.jpg', '10.25.jpg', 'a2.png', 'a02.png', 'a10.png', 'A1.JPG', 'b.jpeg']
     for name in names:
         (tmp_path / name).touch()
-    wanted = ['9_999999999.jpg', '10_000000000.jpg', 'A1.JPG', 'a02.png', 'a2.png', 'a10.png', 'b.jpeg']
+    wanted = ['9_99.jpg', '10_00.jpg', '10.25.jpg', '10.5.jpg', 'A1.JPG', 'a02.png', 'a2.png', 'a10.png', 'b.jpeg']
     assert picture_files([str(tmp_path)]) == [str(tmp_path / name) for name in wanted]
 
 

@@ -9,6 +9,7 @@ import json
 import os
 import re
 import sys
+from decimal import Decimal
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, TypeVar
 
 import cv2
@@ -192,11 +193,13 @@ def package_folder() -> str:
 
 
 def in_order(names: Iterable[str]) -> List[str]:
-    """Sorted as people count: picture_2 before picture_10, and 9_5.jpg, named by its stamp, before 10_0.jpg."""
+    """Sorted as people count: picture_2 before picture_10, 9_5.jpg before 10_0.jpg, and 10.25.jpg before 10.5.jpg: a
+    name that is a decimal number is one.
+    """
 
     def counted(name: str) -> Any:
-        parts = re.split('([0-9]+)', name)  # every second one is a number
-        return [int(part) if index % 2 else part for index, part in enumerate(parts)], name
+        parts = re.split(r'(^[0-9]+\.[0-9]+(?=\.[A-Za-z]+$)|[0-9]+)', name)  # every second one is a number
+        return [Decimal(part) if index % 2 else part for index, part in enumerate(parts)], name
 
     return sorted(names, key=counted)
 
