@@ -373,7 +373,7 @@ def _fitted(chosen: Array, design: Array, tolerance: Array, crossings: Crossings
     number = np.arange(len(chosen))[:, None]
     for _ in range(2):
         sums = (chosen / (error * scale) ** 2) @ products.T
-        inverse = np.stack([inverted(one + np.diag(PRIOR)) for one in sums[:, :9].reshape(-1, 3, 3)])
+        inverse = np.stack([inverted(one) for one in sums[:, :9].reshape(-1, 3, 3) + np.diag(PRIOR)])
         values = (inverse @ sums[:, 9:, None])[:, :, 0]
         scale = np.sqrt(np.maximum(values[:, 1:2] ** 2 + 1 - 2 * values[:, :1] * values[:, 2:], 0.1))
         beside = (values @ design - y) / scale
